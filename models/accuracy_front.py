@@ -21,7 +21,7 @@ from rasterjit.accuracy.report.plots import (
 from rasterjit.accuracy.results import Study, list_front_trials
 from rasterjit.accuracy.sentences import describe_factor, format_number
 from rasterjit.io.atomic_write import atomic_file
-from rasterjit.io.images import checked_path
+from rasterjit.io.images import check_save_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,7 +67,7 @@ def save_front(study: Study, path: str | Path) -> Path:
         If the file cannot be written.
     """
     require_extra("matplotlib")
-    place = checked_path(path, (".png",))
+    place = check_save_path(path, (".png",))
     points = make_plot_points(study)
     lines = _key_lines(study)
     width, height = PICTURE_POINTS

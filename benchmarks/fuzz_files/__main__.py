@@ -104,7 +104,7 @@ class Reader:
 def serve(seed: int, answers: TextIO) -> None:
     """Answer the numbers of cases that stand on standard input."""
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
-    isolation._BASE_SECONDS = READER_SECONDS
+    isolation._BASE_CPU_SECONDS = READER_SECONDS
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         read_sound_files(Path(folder))
     print("true", file=answers, flush=True)

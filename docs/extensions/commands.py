@@ -12,7 +12,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from rasterjit.cli import commands
-from rasterjit.cli.help import GROUPS, OTHERS, group_of
+from rasterjit.cli.help import OPTION_GROUPS, OTHER_GROUP, find_group
 
 
 class Commands(SphinxDirective):
@@ -35,11 +35,11 @@ class Commands(SphinxDirective):
         for text in inspect.cleandoc(command.help or "").split("\n\n"):
             section += _paragraph(" ".join(text.split()))
         options = [
-            (group_of(one), one.get_help_record(context))
+            (find_group(one), one.get_help_record(context))
             for one in command.get_params(context)
             if isinstance(one, click.Option)
         ]
-        for title in (*GROUPS, OTHERS):
+        for title in (*OPTION_GROUPS, OTHER_GROUP):
             records = [record for group, record in options if record and group == title]
             if records:
                 section += nodes.rubric("", title)

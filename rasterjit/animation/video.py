@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.atomic_write import atomic_file
-from rasterjit.io.images import checked_path
+from rasterjit.io.images import check_save_path
 from rasterjit.scene.validation import brief
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def check_animation(path: str | Path, size: tuple[int, int], fps: float, opaque:
     ImportError
         If the format needs ffmpeg and the extra ``rasterjit[video]`` is not installed.
     """
-    target = checked_path(path, ANIMATION_FORMATS)
+    target = check_save_path(path, ANIMATION_FORMATS)
     suffix = target.suffix.lower()
     check_fps(fps, suffix)
     if suffix in FFMPEG_OPTIONS and importlib.util.find_spec("imageio_ffmpeg") is None:
@@ -136,7 +136,7 @@ def save_animation(
         If the file cannot be written. Whatever is raised, by ``pictures`` as well, an existing file
         is left as it was, and no other remains.
     """
-    target = checked_path(path, ANIMATION_FORMATS)
+    target = check_save_path(path, ANIMATION_FORMATS)
     suffix = target.suffix.lower()
     check_fps(fps, suffix)
     if not isinstance(pictures, Iterable):

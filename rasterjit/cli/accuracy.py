@@ -29,9 +29,9 @@ from rasterjit.accuracy.sentences import (
 )
 from rasterjit.accuracy.study import SIZE
 from rasterjit.accuracy.test_scenes import make
-from rasterjit.cli.options import Described
+from rasterjit.cli.options import RenderOptions
 from rasterjit.cli.program import load_scene
-from rasterjit.cli.report import printable, say
+from rasterjit.cli.report import escape_controls, say
 from rasterjit.io.meshes import mesh_files
 
 if TYPE_CHECKING:
@@ -42,14 +42,14 @@ if TYPE_CHECKING:
 STUDY_OPTIONS = ("knobs", "budget", "max_error", "lens", "threads")
 """Options of the command that are passed on to the study."""
 
-WIDE = 120
+MIN_WIDE_COLUMNS = 120
 """Least columns of a terminal that also shows PSNR and FLIP."""
 
-FILE_WIDTH = 140
+FILE_COLUMNS = 140
 """Columns of the table where the output is not a terminal."""
 
 
-def study_scene(what: str | Path, shown: Described, options: dict[str, Any]) -> results.Study:
+def study_scene(what: str | Path, shown: RenderOptions, options: dict[str, Any]) -> results.Study:
     """
     Study a scene, print the results and write the report.
 
@@ -57,7 +57,7 @@ def study_scene(what: str | Path, shown: Described, options: dict[str, Any]) -> 
     ----------
     what : str or Path
         Name of a made scene, or a file.
-    shown : Described
+    shown : RenderOptions
     options : dict
         Those of the command.
     """
@@ -76,17 +76,17 @@ def study_scene(what: str | Path, shown: Described, options: dict[str, Any]) -> 
         look.apply(scene)
         effects.apply(scene)
     camera = view.camera(scene, size) or camera
-    with _progress(quiet) as progress:
+    with _show_progress(quiet) as progress:
         found = study(
             scene, camera, size=size, progress=progress, output=output, name=name,
             **{name: options[name] for name in STUDY_OPTIONS},
         )  # fmt: skip
     if not quiet:
-        _print(found, Path(output))
+        _print_study(found, Path(output))
     return found
 
 
-def study_files(folder: Path, shown: Described, options: dict[str, Any]) -> FolderStudy:
+def study_files(folder: Path, shown: RenderOptions, options: dict[str, Any]) -> FolderStudy:
     """Study the scenes of a folder, print the quality for all of them, and write the reports."""
     quiet, output, size = options["quiet"], options["output"], options["size"] or SIZE
     if Path(output).resolve() == folder.resolve():
@@ -102,7 +102,7 @@ def study_files(folder: Path, shown: Described, options: dict[str, Any]) -> Fold
 
         return loaded
 
-    with _progress(quiet) as progress:
+    with _show_progress(quiet) as progress:
         found = study_folder(
             {name: loader(file) for name, file in files.items()}, size=size, progress=progress,
             output=output, name=folder.resolve().name,
@@ -124,7 +124,7 @@ def calibrate_machine(threads: int | None, quiet: bool) -> None:
     """Measure time and error of qualities on this machine; print both, and where they are kept."""
     from rich.table import Table
 
-    with _progress(quiet) as progress:
+    with _show_progress(quiet) as progress:
         profile, path = calibrate(threads=threads, progress=progress)
     if quiet:
         return
@@ -135,12 +135,12 @@ def calibrate_machine(threads: int | None, quiet: bool) -> None:
     table.add_column("× error", justify="right")
     for step in profile.steps:
         table.add_row(str(step.quality), f"{step.time:.2f}", f"{step.error:.3f}")
-    _console().print(table)
+    _make_console().print(table)
     say(f"wrote {path}")
 
 
 @contextmanager
-def _progress(quiet: bool) -> Iterator[Progress | None]:
+def _show_progress(quiet: bool) -> Iterator[Progress | None]:
     """Yield a function that shows progress on standard error, if that is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -154,24 +154,24 @@ def _progress(quiet: bool) -> Iterator[Progress | None]:
         task = bar.add_task("starting")
 
         def show(text: str, done: float, count: float) -> None:
-            bar.update(task, description=printable(text), completed=done, total=count)
+            bar.update(task, description=escape_controls(text), completed=done, total=count)
 
         yield show
 
 
-def _console() -> Console:
-    """Return the console for tables; `FILE_WIDTH` wide if the output is not a terminal."""
+def _make_console() -> Console:
+    """Return the console for tables; `FILE_COLUMNS` wide if the output is not a terminal."""
     from rich.console import Console
 
     console = Console(highlight=False, markup=False, emoji=False)
     if console.is_terminal:
         return console
-    return Console(width=FILE_WIDTH, highlight=False, markup=False, emoji=False)
+    return Console(width=FILE_COLUMNS, highlight=False, markup=False, emoji=False)
 
 
-def _print(found: results.Study, folder: Path) -> None:
+def _print_study(found: results.Study, folder: Path) -> None:
     """Print the answer, the table, the sentences, what is missing from them, and the files."""
-    console = _console()
+    console = _make_console()
     console.print(describe_choice(found))
     options = format_options(choose(found).trial, found.standard)
     if options:
@@ -203,7 +203,7 @@ def _print_table(found: results.Study, console: Console) -> None:
     from rich import box
     from rich.table import Table
 
-    is_wide = console.width >= WIDE
+    is_wide = console.width >= MIN_WIDE_COLUMNS
     names = ["ms", "× standard", "rmse", *(["PSNR", "FLIP"] if is_wide else []), "wrong px"]
     table = Table("setting", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("level", min_width=10)
@@ -212,7 +212,7 @@ def _print_table(found: results.Study, console: Console) -> None:
     table.add_column("dominated by")
     last = None
     for trial in (found.standard, *found.trials):
-        cells = _cells(trial, found)
+        cells = _format_cells(trial, found)
         shown = {name: cells[name] for name in ("level", *names, "dominated by")}
         if trial.setting != last:
             table.add_section()
@@ -220,7 +220,7 @@ def _print_table(found: results.Study, console: Console) -> None:
         last = trial.setting
     width, height = found.size
     console.print(
-        f"{printable(found.scene)}, {width} x {height} pixels, {found.threads} threads; "
+        f"{escape_controls(found.scene)}, {width} x {height} pixels, {found.threads} threads; "
         f"{'processor ' if found.clock == results.CPU else ''}times are medians of up to "
         f"{max(found.rounds, 1)} rounds ± half of what lies between the quartiles, ? where that is "
         "not measured well enough; * worth choosing: more accurate than all that is faster"
@@ -252,7 +252,7 @@ def _print_effects(found: results.Study, console: Console) -> None:
     console.print(table)
 
 
-def _cells(trial: results.Trial, found: results.Study) -> dict[str, str]:
+def _format_cells(trial: results.Trial, found: results.Study) -> dict[str, str]:
     """Return the cells that a row of the table may show."""
     errors, (low, high) = trial.errors, trial.spread
     is_known = is_measured(trial) or trial.setting == results.STANDARD
@@ -265,11 +265,11 @@ def _cells(trial: results.Trial, found: results.Study) -> dict[str, str]:
         "PSNR": f"{errors.psnr:.1f}",
         "FLIP": "-" if errors.flip is None else f"{errors.flip:.4f}",
         "wrong px": f"{errors.wrong_faces:,}",
-        "dominated by": short(trial.dominated_by, trial.setting),
+        "dominated by": shorten_label(trial.dominated_by, trial.setting),
     }
 
 
-def short(label: str | None, setting: str) -> str:
+def shorten_label(label: str | None, setting: str) -> str:
     """Return a label without the setting that its row already names."""
     if label is None or setting == results.COMBINATIONS:
         return label or ""

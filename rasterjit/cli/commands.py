@@ -21,20 +21,20 @@ from rasterjit.cli.dataset import dataset_options
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
     READING_OPTIONS,
-    chosen_animation,
-    described,
+    add_options,
+    apply_style,
     effect_options,
+    find_animation,
     flag,
-    gather,
-    in_style,
+    gather_options,
+    gather_render_options,
     look_options,
     moment_options,
     option,
-    options_of,
     orbit_options,
     reading_options,
-    refuse_idle,
     refuse_picture,
+    refuse_unused,
     style_option,
     unsettled_options,
     view_options,
@@ -44,25 +44,25 @@ from rasterjit.cli.program import (
     OWN_PROCESS,
     Program,
     background_option,
+    choose_size,
     color_behind_option,
     cull_option,
     debug_option,
+    exit_process,
     file_argument,
     is_opaque,
-    leave,
     load_scene,
     quiet_option,
-    size_behind,
     size_option,
     threads_option,
 )
 from rasterjit.cli.report import (
+    iterate_with_progress,
     print_profile,
-    progress_bar,
-    progress_notice,
     say,
-    status,
-    with_progress,
+    show_compile_progress,
+    show_progress_bar,
+    show_spinner,
 )
 from rasterjit.scene.quality import LEVELS
 
@@ -126,7 +126,7 @@ def program(context: click.Context, version: bool) -> None:
 @look_options
 @effect_options
 @cull_option
-@options_of(render_files.PictureOptions)
+@add_options(render_files.PictureOptions)
 @threads_option
 @quiet_option
 @debug_option
@@ -153,26 +153,26 @@ def render(
 
     Exit status: 0 if all is done, 1 if something failed, 2 for wrong usage, 130 after Ctrl-C.
     """
-    shown = described(rest)
+    shown = gather_render_options(rest)
     if len(files) == 1 and files[0].is_dir():
         from rasterjit.cli.thumbnails import render_folder
 
         if output is None:
             raise click.UsageError("Missing option '-o' / '--output', a folder for the pictures.")
         refuse_picture(f"the folder {files[0]}", output)
-        refuse_idle(["colorbar"], "FILE is a folder, whose pictures have none")
-        refuse_idle(["time", "animation"], "FILE is a folder, each file as it poses itself")
+        refuse_unused(["colorbar"], "FILE is a folder, whose pictures have none")
+        refuse_unused(["time", "animation"], "FILE is a folder, each file as it poses itself")
         options = {name: rest[name] for name in ("background", "cull")}
         options |= {"size": size, "threads": threads, "quiet": quiet}
         render_folder(files[0], output, suffix, force, shown, **options)
         return
-    asked = gather(
+    asked = gather_options(
         render_files.PictureOptions, {**rest, "size": size, "threads": threads, "quiet": quiet}
     )
     if output is not None and str(output) == STANDARD_OUTPUT:
-        render_files.to_standard_output(files, asked, shown)
+        render_files.write_to_standard_output(files, asked, shown)
         return
-    places = render_files.places_of(files, output, suffix, force)
+    places = render_files.plan_places(files, output, suffix, force)
     if len(places) == 1:
         render_files.render_file(files[0], places[files[0]], asked, shown)
         return
@@ -213,7 +213,7 @@ class Turn:
 
 @program.command(short_help="Render an animation that goes once around FILE.")
 @file_argument
-@options_of(Turn)
+@add_options(Turn)
 @size_option("640x480")
 @orbit_options
 @background_option
@@ -243,23 +243,23 @@ def turntable(
     from rasterjit.rendering.renderer import Renderer
 
     # What is asked for.
-    turn, (view, look, effects, _) = gather(Turn, rest), described(rest)
+    turn, (view, look, effects, _) = gather_options(Turn, rest), gather_render_options(rest)
     output = turn.output
     is_played = turn.animate or turn.animation is not None
     if turn.turns == 0.0 and not is_played:
         raise click.BadOptionUsage("--turns", "--turns: nothing moves without --animate")
-    size = size_behind(background, size)
+    size = choose_size(background, size)
     check_animation(output, size, turn.fps, is_opaque(background))
     # The scene, and how many frames it takes.
     start = time.perf_counter()
     scene = load_scene(file, look, effects, quiet)
-    played = chosen_animation(scene, file, turn.animation, "--animate") if is_played else None
+    played = find_animation(scene, file, turn.animation, "--animate") if is_played else None
     frames = turn.frames
     if frames is None:
         frames = TURN_FRAMES if played is None else max(1, round(played.duration * turn.fps))
     # The frames, each encoded as it is drawn.
     with (
-        progress_notice(quiet),
+        show_compile_progress(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
         renderer.warned = None
@@ -270,7 +270,7 @@ def turntable(
             animation=played, loop=True, background=background, cull=cull,
         )  # fmt: skip
         render_animation.save(
-            with_progress(turning, frames, "Rendering", quiet), output, fps=turn.fps
+            iterate_with_progress(turning, frames, "Rendering", quiet), output, fps=turn.fps
         )
     if not quiet:
         say(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
@@ -331,7 +331,7 @@ class ShowOptions:
 
 @program.command(short_help="Show FILE, and move the camera by hand.")
 @file_argument
-@options_of(ShowOptions)
+@add_options(ShowOptions)
 @view_options
 @moment_options
 @color_behind_option
@@ -345,8 +345,8 @@ def view(file: Path, **options: Any) -> None:
     """Show FILE, and move the camera with mouse and keys; H lists the keys."""
     from rasterjit.viewer.show import choose_backend, show
 
-    (seen_from, look, effects, moment), quiet = described(options), options["quiet"]
-    shown = gather(ShowOptions, options)
+    (seen_from, look, effects, moment), quiet = gather_render_options(options), options["quiet"]
+    shown = gather_options(ShowOptions, options)
     if shown.backend != "auto":
         _refuse_options_without_effect(shown.backend)
     backend = choose_backend(shown.backend)
@@ -356,12 +356,12 @@ def view(file: Path, **options: Any) -> None:
     options = {name: options[name] for name in ("background", "cull", "threads")}
     options |= vars(shown) | {"backend": backend, "up": scene.up, "title": file.name}
     try:
-        with progress_notice(quiet):
+        with show_compile_progress(quiet):
             show(scene, camera, **options)
     except ImportError as error:
         raise click.ClickException(str(error)) from error
     if backend == "browser":
-        leave()
+        exit_process()
 
 
 @program.command(short_help="Say what FILE holds.")
@@ -378,9 +378,9 @@ def info(file: Path, as_json: bool, **reading: Any) -> None:
     Names of nodes are those that Scene.find takes, attributes those that --outputs takes. Counts
     are of what is loaded: a vertex at a crease counts once for each side.
     """
-    from rasterjit.cli.info import tell
+    from rasterjit.cli.info import print_info
 
-    tell(file, as_json, **reading)
+    print_info(file, as_json, **reading)
 
 
 @program.command(short_help="Say what rendering FILE would do, and why.")
@@ -415,27 +415,27 @@ def explain(
 ) -> None:
     """Say what rendering FILE would do, and why; or explain one pixel."""
     # What is asked for, before anything is read.
-    view, look, effects, moment = described(rest)
-    size = size_behind(background, size)
+    view, look, effects, moment = gather_render_options(rest)
+    size = choose_size(background, size)
     if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
         raise click.BadOptionUsage(
             "--pixel", f"--pixel: {pixel[0]},{pixel[1]} is not in the picture"
         )
     if pixel is not None:
-        refuse_idle(["measure"], "one pixel has no cost of its own")
-        refuse_idle(["outputs"], "--pixel tells of the colour")
+        refuse_unused(["measure"], "one pixel has no cost of its own")
+        refuse_unused(["outputs"], "--pixel tells of the colour")
     if not measure:
-        refuse_idle(["threads"], "nothing is drawn without --measure")
+        refuse_unused(["threads"], "nothing is drawn without --measure")
     from rasterjit.inspect.pixel import explain_pixel
     from rasterjit.rendering.planning import describe as describe_plan
 
     # The scene, as it would be drawn.
     effects.quality()
     scene = moment.apply(load_scene(file, look, effects, quiet=False), file)
-    styled = in_style(scene, view.camera(scene, size), look, effects)
+    styled = apply_style(scene, view.camera(scene, size), look, effects)
     # One pixel alone.
     if pixel is not None:
-        with progress_notice(quiet=False):
+        with show_compile_progress(quiet=False):
             drawn = styled.options(size, background=background, cull=cull)
             camera = drawn.pop("camera")
             told = explain_pixel(styled.scene, camera, size, *pixel, **drawn)
@@ -448,8 +448,8 @@ def explain(
         from rasterjit.inspect.profile import profile
 
         with (
-            status(f"Measuring {file.name} (what is new is compiled first)", quiet=False),
-            progress_notice(quiet=False),
+            show_spinner(f"Measuring {file.name} (what is new is compiled first)", quiet=False),
+            show_compile_progress(quiet=False),
         ):
             drawn = styled.options(size, threads=threads, **options)
             measured = profile(styled.scene, size=size, **drawn)
@@ -498,7 +498,7 @@ class AccuracyOptions:
 
 @program.command(short_help="Measure what accuracy costs and buys.")
 @click.argument("file", type=click.Path(path_type=Path), required=False)
-@options_of(AccuracyOptions)
+@add_options(AccuracyOptions)
 @view_options
 @look_options
 @unsettled_options
@@ -517,12 +517,12 @@ def accuracy(context: click.Context, file: Path | None, **rest: Any) -> None:
     """
     from rasterjit.cli.accuracy import calibrate_machine, study_files, study_scene
 
-    asked = gather(AccuracyOptions, rest)
+    asked = gather_options(AccuracyOptions, rest)
     if asked.calibrate:
         if file is not None:
             raise click.UsageError("--calibrate draws scenes of its own and writes no report")
         kept = ("calibrate", "threads", "quiet", "debug")
-        refuse_idle(
+        refuse_unused(
             [one.name for one in context.command.params if one.name not in kept],
             "--calibrate draws scenes of its own and writes no report",
         )
@@ -533,8 +533,8 @@ def accuracy(context: click.Context, file: Path | None, **rest: Any) -> None:
     if asked.output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
     if asked.made is not None:
-        refuse_idle(READING_OPTIONS, "--scene reads no file")
-    shown = described(rest)
+        refuse_unused(READING_OPTIONS, "--scene reads no file")
+    shown = gather_render_options(rest)
     if file is not None and file.is_dir():
         together = study_files(file, shown, rest)
         if any(one.interrupted for one in together.studies.values()):
@@ -555,14 +555,14 @@ def accuracy(context: click.Context, file: Path | None, **rest: Any) -> None:
 @debug_option
 def warmup(quiet: bool) -> None:
     """Compile all kernels now (about a minute), so that no later run has to."""
-    from rasterjit.cli.warmup import compile_all, lacking
+    from rasterjit.cli.warmup import compile_all, list_missing
     from rasterjit.runtime import jit, prebuilt_kernels, store
 
     if jit.DISABLED or jit.CHECKED:
         variable = "NUMBA_DISABLE_JIT" if jit.DISABLED else "NUMBA_BOUNDSCHECK"
         raise click.ClickException(f"nothing to compile: {variable} is set")
     library = prebuilt_kernels.find_library().library
-    if library is not None and not lacking():
+    if library is not None and not list_missing():
         if not quiet:
             say(f"nothing to compile: code for {library.target.cpu} came with the installation")
         return
@@ -570,7 +570,7 @@ def warmup(quiet: bool) -> None:
     if folder is None:
         raise click.ClickException(f"no folder can keep kernels: set {store.FOLDER_VARIABLE}")
     started = time.perf_counter()
-    with progress_bar("Compiling kernels", quiet, is_told=True) as tell:
+    with show_progress_bar("Compiling kernels", quiet, is_told=True) as tell:
         compile_all(tell)
     if not quiet:
         count = store.inspect_folder(folder).entries
@@ -585,7 +585,7 @@ def doctor() -> None:
     from rasterjit.cli.doctor import examine
 
     healthy = True
-    with progress_notice(quiet=False):
+    with show_compile_progress(quiet=False):
         for finding in examine():
             mark = {True: "ok      ", False: "FAILED  ", None: "        "}[finding.passed]
             say(f"{mark}{finding.name:<22}{finding.text}")
@@ -614,11 +614,11 @@ def completion(shell: str) -> None:
 def _refuse_options_without_effect(backend: str) -> None:
     """Refuse options that have no effect with a backend."""
     if backend != "browser":
-        refuse_idle(
+        refuse_unused(
             ["host", "port", "token"], f"nothing is served: it is shown by the backend {backend}"
         )
     if backend == "terminal":
-        refuse_idle(["size"], "a terminal has its own")
+        refuse_unused(["size"], "a terminal has its own")
 
 
 def main() -> None:

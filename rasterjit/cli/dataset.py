@@ -16,19 +16,19 @@ from rasterjit.cli import option_types
 from rasterjit.cli.options import (
     Effects,
     SceneOptions,
+    add_options,
     option,
-    options_of,
     quality_options,
-    refuse_idle,
+    refuse_unused,
 )
-from rasterjit.cli.program import in_options
-from rasterjit.cli.report import progress_notice, say, warn
+from rasterjit.cli.program import spell_options
+from rasterjit.cli.report import say, show_compile_progress, warn
 
 if TYPE_CHECKING:
     from rasterjit.dataset.dataset_builder import Outcome
     from rasterjit.dataset.recipe import Recipe
 
-MAX_NAMED = 20
+MAX_PRINTED_FAILURES = 20
 """Most failures that are printed; the report file has all."""
 
 
@@ -40,11 +40,11 @@ def square_type(text: str) -> tuple[int, int]:
 
 
 @option_types.text_type("names")
-def kept_type(text: str) -> tuple[str, ...]:
+def outputs_to_write_type(text: str) -> tuple[str, ...]:
     """Return the outputs to write of each view, ``color,depth``."""
     from rasterjit.dataset.recipe import Recipe
 
-    return Recipe(outputs=option_types.names_in(text)).outputs
+    return Recipe(outputs=option_types.split_names(text)).outputs
 
 
 @option_types.text_type("N|ADDRESS")
@@ -93,7 +93,7 @@ class DatasetOptions:
         click.Path(path_type=Path), "-o", "--output", required=True, metavar="OUT"
     )
     views: int = option(click.IntRange(1, 10_000), default=24)
-    outputs: str = option(kept_type, default="color,depth,normal,mask", metavar="NAMES")
+    outputs: str = option(outputs_to_write_type, default="color,depth,normal,mask", metavar="NAMES")
     size: str = option(square_type, default="512", metavar="N|WxH")
     layout: str = option(click.Choice(["sphere", "random", "ring"]), "--cameras", default="sphere")
     seed: int = option(click.IntRange(0), default=0)
@@ -115,12 +115,12 @@ def dataset_options(command: Callable) -> Callable:
         help="Processes that share the work, or a Dask scheduler's address (needs "
         "rasterjit[distributed]). Any number writes the same files.",
     )  # fmt: skip
-    reading = options_of(
+    reading = add_options(
         SceneOptions, ("on_invalid", "on_damage", "max_bytes", "isolate"),
         on_invalid="Leave out a mesh with NaN or infinite vertices, or draw the rest.",
     )  # fmt: skip
     folder = click.argument("folder", type=click.Path(path_type=Path))
-    return folder(options_of(DatasetOptions)(reading(quality_options(workers(command)))))
+    return folder(add_options(DatasetOptions)(reading(quality_options(workers(command)))))
 
 
 def make_dataset(
@@ -131,20 +131,20 @@ def make_dataset(
     from rasterjit.dataset.recipe import Recipe
 
     if options["layout"] != "random":
-        refuse_idle(["seed"], "it is for --cameras random")
+        refuse_unused(["seed"], "it is for --cameras random")
     if options["layout"] != "ring":
-        refuse_idle(["elevation"], "it is for --cameras ring")
+        refuse_unused(["elevation"], "it is for --cameras ring")
     chosen = {name: options.pop(name) for name in ("preset", "changes", "samples")}
     quality = Effects(**chosen).quality()
     recipe = Recipe(**options, quality=quality)
     start = time.perf_counter()
-    with progress_notice(quiet), _progress(recipe, quiet) as report:
+    with show_compile_progress(quiet), _show_progress(recipe, quiet) as report:
         summary = make(folder, output, recipe, workers=workers, report=report)
-    for name, lines in list(summary.warnings.items())[:MAX_NAMED]:
+    for name, lines in list(summary.warnings.items())[:MAX_PRINTED_FAILURES]:
         for line in lines:
-            warn(f"{name}: {in_options(line.removeprefix(f'{name}: '))}", quiet)
-    for name, reason in list(summary.failures.items())[:MAX_NAMED]:
-        warn(f"left out {name}: {in_options(reason)}", quiet)
+            warn(f"{name}: {spell_options(line.removeprefix(f'{name}: '))}", quiet)
+    for name, reason in list(summary.failures.items())[:MAX_PRINTED_FAILURES]:
+        warn(f"left out {name}: {spell_options(reason)}", quiet)
     if not quiet:
         seconds = time.perf_counter() - start
         views = summary.made * recipe.views
@@ -160,7 +160,7 @@ def make_dataset(
 
 
 @contextmanager
-def _progress(recipe: Recipe, quiet: bool) -> Iterator[Callable[[Outcome, int, int], None]]:
+def _show_progress(recipe: Recipe, quiet: bool) -> Iterator[Callable[[Outcome, int, int], None]]:
     """Show meshes done, views per second and time left, if standard error is a terminal."""
     from rich.console import Console
     from rich.progress import (

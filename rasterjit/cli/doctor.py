@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.meshes import FORMATS_EXTRA
+from rasterjit.io.meshes import EXTRA_MODULES
 from rasterjit.outputs.output_table import OUTPUTS
 from rasterjit.rendering.rasterize import RasterizedFaces, rasterize
 from rasterjit.rendering.renderer import render
@@ -29,7 +29,7 @@ from rasterjit.scene.scene import Scene
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "trimesh", "imageio")
 
 EXTRAS = {
-    "formats": FORMATS_EXTRA,
+    "formats": EXTRA_MODULES,
     "clouds": ("laspy", "lazrs"),
     "vtk": ("meshio",),
     "gltf": ("DracoPy", "opengl_basisu", *(("meshopt",) if sys.version_info >= (3, 11) else ())),
@@ -51,7 +51,7 @@ EXTRAS = {
 
 SHOWN_FEATURES = ("sse4.2", "avx", "avx2", "fma", "avx512f", "avx512bw", "neon", "sve")
 
-SIDE = 16
+PICTURE_SIDE = 16
 """Width and height of the checks' pictures, pixels."""
 
 DEPTH_TOLERANCE = 2.0**-22
@@ -71,22 +71,22 @@ def examine() -> Iterator[Finding]:
     """Yield the findings: what is installed first, then the checks."""
     yield Finding("python", f"{platform.python_version()} on {platform.platform(terse=True)}")
     for package in PACKAGES:
-        yield _version(package)
+        yield _find_version(package)
     name, features = store.host_cpu_features() if store.has_linker() else (platform.machine(), None)
     shown = [feature for feature in SHOWN_FEATURES if feature in (features or ())]
     units = " ".join(shown) or "none of the usual vector units"
     yield Finding("cpu", name if features is None else f"{name}: {units}")
     yield Finding("threads", f"{available_processors()} of {os.cpu_count()} processors")
     for extra, modules in EXTRAS.items():
-        yield _extra(extra, modules)
+        yield _find_extra(extra, modules)
     for check in CHECKS:
         yield _run_check(check)
-    yield _kernel_source()
+    yield _find_kernel_source()
     yield from _check_prebuilt_kernels()
     yield from _check_store()
 
 
-def _version(package: str) -> Finding:
+def _find_version(package: str) -> Finding:
     """Return the version of a required package."""
     try:
         return Finding(package, importlib.metadata.version(package))
@@ -95,7 +95,7 @@ def _version(package: str) -> Finding:
         return Finding(package, "not installed as a package", None)
 
 
-def _extra(extra: str, modules: tuple[str, ...]) -> Finding:
+def _find_extra(extra: str, modules: tuple[str, ...]) -> Finding:
     """Say which modules of an optional extra are missing."""
     missing = [module for module in modules if importlib.util.find_spec(module) is None]
     if not missing:
@@ -113,7 +113,7 @@ def _run_check(check: Callable[[], Finding]) -> Finding:
         return Finding(name, f"{type(error).__name__}: {error}", False)
 
 
-def _kernel_source() -> Finding:
+def _find_kernel_source() -> Finding:
     """Report whether the checks' kernels were compiled or loaded."""
     if jit.DISABLED:
         return Finding("kernels", "not compiled: NUMBA_DISABLE_JIT is set (very slow)")
@@ -196,14 +196,16 @@ def check_shared_edge() -> Finding:
     face_id = _draw_pixels(square, [(0, 1, 2), (0, 2, 3)]).face_id
     counts = [int((face_id == face).sum()) for face in (0, 1)]
     passed = counts == [136, 120]
-    return Finding("shared edge", f"{counts[0]} + {counts[1]} of {SIDE * SIDE} pixels", passed)
+    return Finding(
+        "shared edge", f"{counts[0]} + {counts[1]} of {PICTURE_SIDE * PICTURE_SIDE} pixels", passed
+    )
 
 
 def check_top_left_rule() -> Finding:
     """Draw triangles whose edges pass through pixel centres: the known pixels are theirs."""
     square = [(1.5, 1.5), (3.5, 1.5), (3.5, 3.5), (1.5, 3.5)]
     face_id = _draw_pixels(square, [(0, 1, 2), (0, 2, 3)]).face_id
-    expected = np.full((SIDE, SIDE), -1, np.int32)
+    expected = np.full((PICTURE_SIDE, PICTURE_SIDE), -1, np.int32)
     expected[[1, 1, 2], [1, 2, 2]] = 0
     expected[2, 1] = 1
     passed = bool(np.array_equal(face_id, expected))
@@ -217,7 +219,9 @@ def check_depth_and_color() -> Finding:
     material = Material(shading="unlit", base_color="red")
     scene.add(Mesh(vertices, [(0, 1, 2), (0, 2, 3)], material=material))
     camera = PerspectiveCamera(eye=(0, 0, 0), target=(0, 0, -1))
-    frame = render(scene, camera, size=(SIDE, SIDE), outputs=("color", "depth"), threads=1)
+    frame = render(
+        scene, camera, size=(PICTURE_SIDE, PICTURE_SIDE), outputs=("color", "depth"), threads=1
+    )
     error = float(np.abs(frame.depth / 3.0 - 1.0).max())
     red = bool((frame.color == (255, 0, 0, 255)).all())
     passed = red and error <= DEPTH_TOLERANCE
@@ -227,12 +231,12 @@ def check_depth_and_color() -> Finding:
 def check_threads() -> Finding:
     """Render a ball of many faces with one and with three threads: the same bits."""
     scene = Scene()
-    scene.add(_ball(24, 12))
+    scene.add(_make_ball(24, 12))
     outputs = tuple(name for name in OUTPUTS if name not in ("uv", "scalar"))
     frames = [
         render(
             scene,
-            size=(4 * SIDE, 3 * SIDE),
+            size=(4 * PICTURE_SIDE, 3 * PICTURE_SIDE),
             outputs=outputs,
             previous=PreviousView(),
             threads=threads,
@@ -253,11 +257,13 @@ def _draw_pixels(
 ) -> RasterizedFaces:
     """Rasterize faces whose vertices are given in pixels, y down."""
     x, y = np.array(pixels, np.float64).T
-    ndc = np.stack([2.0 * x / SIDE - 1.0, 1.0 - 2.0 * y / SIDE, 0.0 * x, 0.0 * x + 1.0], axis=1)
-    return rasterize(ndc, faces, (SIDE, SIDE), threads=1)
+    ndc = np.stack(
+        [2.0 * x / PICTURE_SIDE - 1.0, 1.0 - 2.0 * y / PICTURE_SIDE, 0.0 * x, 0.0 * x + 1.0], axis=1
+    )
+    return rasterize(ndc, faces, (PICTURE_SIDE, PICTURE_SIDE), threads=1)
 
 
-def _ball(around: int, rows: int) -> Mesh:
+def _make_ball(around: int, rows: int) -> Mesh:
     """Return a sphere cut along meridians and parallels; the faces at its poles have no area."""
     azimuth = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
     polar = np.linspace(0.0, np.pi, rows + 1)[:, np.newaxis]

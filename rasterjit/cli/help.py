@@ -14,12 +14,12 @@ from typing import Any
 import click
 
 
-def _meanings_by_word(meant: dict[str, str]) -> dict[str, str]:
+def _map_synonyms(meant: dict[str, str]) -> dict[str, str]:
     """Return the option for each synonym, from the synonyms of each option."""
     return {word: name for name, words in meant.items() for word in words.split()}
 
 
-OPTION_SYNONYMS = _meanings_by_word({
+OPTION_SYNONYMS = _map_synonyms({
     "--background transparent": "--transparent --alpha",
     "--background COLOR": "--bg --background-color",
     "--size WxH": "--width --height -w -W -H --resolution --res --image-size",
@@ -72,7 +72,7 @@ OPTION_SYNONYMS = _meanings_by_word({
 })  # fmt: skip
 """Options by the names that other programs give them."""
 
-CHOICE_SYNONYMS = _meanings_by_word({
+CHOICE_SYNONYMS = _map_synonyms({
     "orthographic": "ortho parallel",
     "perspective": "persp",
     "phong": "smooth blinn blinn-phong",
@@ -93,7 +93,7 @@ CHOICE_SYNONYMS = _meanings_by_word({
 })  # fmt: skip
 """Choices by other names for them."""
 
-COMMAND_SYNONYMS = _meanings_by_word({
+COMMAND_SYNONYMS = _map_synonyms({
     "render": "draw image picture thumbnail thumbnails",
     "view": "show display open",
     "turntable": "spin animate rotate",
@@ -113,72 +113,72 @@ _INVALID_CHOICE_PREFIX = re.compile(r"'([^']*)' is not (?:one of )?'")
 _UNKNOWN_COMMAND_PREFIX = re.compile(r"No such command '([^']*)'")
 
 
-def with_advice(error: click.ClickException) -> str:
+def add_advice(error: click.ClickException) -> str:
     """Return an error's message, with a "did you mean" if a name is similar."""
     message = error.format_message()
     if isinstance(error, click.NoSuchOption):
-        return f"No such option {error.option_name}" + _similar_option(error)
+        return f"No such option {error.option_name}" + _find_similar_option(error)
     command = _UNKNOWN_COMMAND_PREFIX.search(message)
     if command is not None and isinstance(error, click.UsageError) and error.ctx is not None:
         known = list(getattr(error.ctx.command, "commands", ()))
-        return f"No such command or file {command[1]!r}" + question(
+        return f"No such command or file {command[1]!r}" + suggest_words(
             command[1], known, COMMAND_SYNONYMS
         )
     parameter = getattr(error, "param", None)
     if parameter is not None and isinstance(parameter.type, click.Choice):
         value = _INVALID_CHOICE_PREFIX.search(message)
         if value is not None:
-            meant = question(value[1], list(parameter.type.choices), CHOICE_SYNONYMS)
+            meant = suggest_words(value[1], list(parameter.type.choices), CHOICE_SYNONYMS)
             return message.removesuffix(".") + meant
     return message
 
 
-def question(word: str, known: list[str], meant: dict[str, str]) -> str:
+def suggest_words(word: str, known: list[str], meant: dict[str, str]) -> str:
     """Return " Did you mean ...?" with the known words that are similar; "" if none is."""
     lower = word.lower().strip()
     other = meant.get(lower)
     if other is not None and (other in known or other.startswith("-")):
         return f"; did you mean {other}?"
-    names = _nearest(lower, known)
+    names = _find_nearest(lower, known)
     return f"; did you mean {' or '.join(names)}?" if names else ""
 
 
-def _nearest(word: str, known: list[str]) -> list[str]:
+def _find_nearest(word: str, known: list[str]) -> list[str]:
     """Return the closest known word; two if the second is about as close."""
     names = difflib.get_close_matches(word, known, n=2)
     nearness = [difflib.SequenceMatcher(None, word, name).ratio() for name in names]
     return [name for name, near in zip(names, nearness, strict=True) if near > nearness[0] - 0.2]
 
 
-def _similar_option(error: click.NoSuchOption) -> str:
+def _find_similar_option(error: click.NoSuchOption) -> str:
     """Return the option that an unknown one probably means; "" if none is similar."""
     name, context = error.option_name, error.ctx
     if context is None:
         return ""
-    own = _options_of(context.command)
+    own = _list_options(context.command)
     other = OPTION_SYNONYMS.get(name) or OPTION_SYNONYMS.get(name.lower())
     if other is not None and (not other.startswith("-") or other.split()[0] in own):
         return f"; did you mean {other}?"
     program = context.find_root().command
     commands = getattr(program, "commands", {})
-    having = [known for known, command in commands.items() if name in _options_of(command)]
+    having = [known for known, command in commands.items() if name in _list_options(command)]
     if having and context.command is program:
         return " before the command or FILE: options stand behind it"
     if having:
         *others, last = having
         names = f"{', '.join(others)} and {last}" if others else last
         return f"; {names} {'have' if others else 'has'} it"
-    near = _nearest(name, [one for one in own if one.startswith("--")])
+    near = _find_nearest(name, [one for one in own if one.startswith("--")])
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
-def _options_of(command: click.Command) -> list[str]:
+def _list_options(command: click.Command) -> list[str]:
     """Return the spellings of a command's options, without hidden ones."""
     shown = [one for one in command.params if not getattr(one, "hidden", False)]
     return [name for one in shown for name in (*one.opts, *one.secondary_opts)]
 
 
-GROUPS = {
+OPTION_GROUPS = {
     "Camera": (
         "views", "layout", "seed", "azimuth", "elevation", "zoom", "fov", "fov_y", "projection",
         "up", "position", "target", "pose", "convention", "intrinsics", "lens", "time",
@@ -203,9 +203,9 @@ GROUPS = {
 }  # fmt: skip
 """Titles of groups, and the Python names of their options; the rest are miscellaneous."""
 
-OTHERS = "Misc"
+OTHER_GROUP = "Misc"
 
-COMMON = (
+COMMON_OPTIONS = (
     "output", "force", "size", "outputs", "depth_file", "mask_file", "frames", "fps",
     "views", "layout", "azimuth", "elevation", "zoom", "up", "style", "background", "color",
     "light", "wireframe", "shadows", "environment", "ambient_occlusion", "outline", "tone_map",
@@ -214,7 +214,7 @@ COMMON = (
 )  # fmt: skip
 """What ``--help`` shows of a command with many options."""
 
-MANY = 16
+MAX_SHORT_OPTIONS = 16
 """Most options that ``--help`` shows at once: more do not fit on a screen."""
 
 
@@ -226,7 +226,7 @@ class Command(click.Command):
         self.params.append(
             click.Option(
                 ["--help-all"], is_flag=True, is_eager=True, expose_value=False,
-                hidden=len(self.params) <= MANY, callback=_show_all,
+                hidden=len(self.params) <= MAX_SHORT_OPTIONS, callback=_show_all,
                 help="Show all options and exit.",
             )
         )  # fmt: skip
@@ -244,11 +244,11 @@ class Command(click.Command):
         records = [(one, one.get_help_record(context)) for one in listed]
         options = [(one, record) for one, record in records if record is not None]
         if is_short(context):
-            shown = [(one, in_short(record)) for one, record in options if is_common(one)]
+            shown = [(one, shorten_record(record)) for one, record in options if is_common(one)]
         else:
             shown = options
-        for title in (*GROUPS, OTHERS):
-            rows = [record for one, record in shown if group_of(one) == title]
+        for title in (*OPTION_GROUPS, OTHER_GROUP):
+            rows = [record for one, record in shown if find_group(one) == title]
             if rows:
                 with formatter.section(title):
                     formatter.write_dl(rows)
@@ -264,15 +264,15 @@ def is_short(context: click.Context) -> bool:
     """Tell whether the help of a command shows only the common options."""
     options = (one for one in context.command.params if isinstance(one, click.Option))
     has_more = any(one.name == "help_all" and not one.hidden for one in options)
-    return has_more and not context.meta.get(ALL, False)
+    return has_more and not context.meta.get(SHOWS_ALL, False)
 
 
 def is_common(option: click.Parameter) -> bool:
     """Tell whether the short help of a command shows an option."""
-    return option.name in COMMON or "--help" in option.opts
+    return option.name in COMMON_OPTIONS or "--help" in option.opts
 
 
-def in_short(record: tuple[str, str]) -> tuple[str, str]:
+def shorten_record(record: tuple[str, str]) -> tuple[str, str]:
     """Return the names of an option, and the first clause of its help."""
     names, text = record
     text, mark, default = text.partition("  [")
@@ -285,18 +285,20 @@ def in_short(record: tuple[str, str]) -> tuple[str, str]:
     return names, f"{text.rstrip('.')}.{mark}{default}"
 
 
-def group_of(option: click.Parameter) -> str:
+def find_group(option: click.Parameter) -> str:
     """Return the title of the group that an option belongs to."""
-    return next((title for title, names in GROUPS.items() if option.name in names), OTHERS)
+    return next(
+        (title for title, names in OPTION_GROUPS.items() if option.name in names), OTHER_GROUP
+    )
 
 
-ALL = "rasterjit.help_all"
+SHOWS_ALL = "rasterjit.help_all"
 """Key in click's context: whether the help shows all options."""
 
 
 def _show_all(context: click.Context, parameter: click.Parameter, value: bool) -> None:
     """Print the help with all options, and end."""
     if value and not context.resilient_parsing:
-        context.meta[ALL] = True
+        context.meta[SHOWS_ALL] = True
         click.echo(context.get_help(), color=context.color)
         context.exit()

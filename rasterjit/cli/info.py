@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rasterjit.cli.program import in_options
+from rasterjit.cli.program import spell_options
 from rasterjit.cli.report import say
 from rasterjit.interrupts import raise_if_interrupted
 from rasterjit.scene.mesh import ATTRIBUTE
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from rasterjit.scene.mesh import Mesh
     from rasterjit.scene.scene import Scene
 
-MAX_SHOWN = 20
+MAX_PRINTED = 20
 """Most nodes, materials and lights that are printed; JSON has all."""
 
 
-def tell(file: Path, as_json: bool, **reading: Any) -> None:
+def print_info(file: Path, as_json: bool, **reading: Any) -> None:
     """Read a file and print what it holds; ``reading`` as `rasterjit.load` takes it."""
     from rasterjit.io.meshes import load
 
@@ -33,19 +33,19 @@ def tell(file: Path, as_json: bool, **reading: Any) -> None:
         warnings.simplefilter("always", UserWarning)
         scene = load(file, **reading)
     raise_if_interrupted()
-    said = [in_options(str(warning.message)).removeprefix(f"{file}: ") for warning in caught]
+    said = [spell_options(str(warning.message)).removeprefix(f"{file}: ") for warning in caught]
     left_out: Counter[str] = Counter()
     for warning in caught:
         left_out.update(getattr(warning.message, "left_out", {}))
     held = {
-        "file": str(file), "bytes": file.stat().st_size, **describe(scene),
+        "file": str(file), "bytes": file.stat().st_size, **describe_scene(scene),
         "left_out": [{"what": what, "count": count} for what, count in left_out.items()],
         "warnings": said,
     }  # fmt: skip
     if as_json:
         say(*json.dumps(held, indent=2, allow_nan=False).split("\n"))
         return
-    rows = list(_rows(held))
+    rows = list(_format_rows(held))
     widest = max(len(name) for name, _ in rows)
     for name, text in rows:
         say(f"{name:<{widest}}  {text}".rstrip())
@@ -55,7 +55,7 @@ PRIMITIVE_NAMES = {"triangles": "faces", "lines": "segments", "points": "points"
 """Words for the primitives of each kind of mesh."""
 
 
-def describe(scene: Scene) -> dict[str, Any]:
+def describe_scene(scene: Scene) -> dict[str, Any]:
     """
     Return the contents of a scene as values for JSON.
 
@@ -80,22 +80,22 @@ def describe(scene: Scene) -> dict[str, Any]:
         "objects": len(scene.nodes),
         "meshes": len(meshes),
         "vertices": sum(len(mesh.vertices) for mesh in meshes),
-        **_counts(meshes, [node.mesh for node in scene.nodes]),
+        **_count_primitives(meshes, [node.mesh for node in scene.nodes]),
         "invalid_vertices": sum(mesh.invalid_vertices for mesh in meshes),
-        "attributes": _attributes(meshes),
-        "attribute_outputs": _attribute_outputs(meshes),
-        "nodes": _nodes(scene),
+        "attributes": _count_attributes(meshes),
+        "attribute_outputs": _list_outputs(meshes),
+        "nodes": _list_nodes(scene),
         "closed": sum(mesh.is_closed() for mesh in meshes if mesh.primitive == "triangles"),
         "bounds": {"min": low, "max": high},
         "center": [float(part) for part in center],
         "radius": float(radius),
         "materials": [
-            {**_material(by_id[key]), "objects": count} for key, count in materials.items()
+            {**_describe_material(by_id[key]), "objects": count} for key, count in materials.items()
         ],
         "variants": list(scene.variants),
-        "textures": _textures(by_id.values()),
-        "lights": [_fields(light) for light in scene.lights],
-        "camera": None if scene.camera is None else _fields(scene.camera),
+        "textures": _describe_textures(by_id.values()),
+        "lights": [_describe_fields(light) for light in scene.lights],
+        "camera": None if scene.camera is None else _describe_fields(scene.camera),
         "animations": [
             {"name": one.name, "seconds": one.duration, "channels": len(one.channels)}
             for one in scene.animations
@@ -103,7 +103,7 @@ def describe(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _counts(meshes: list[Mesh], drawn: list[Mesh]) -> dict[str, int]:
+def _count_primitives(meshes: list[Mesh], drawn: list[Mesh]) -> dict[str, int]:
     """Return the numbers of faces, segments and points: stored once, and drawn in all objects."""
     found = {}
     for primitive, name in PRIMITIVE_NAMES.items():
@@ -112,7 +112,7 @@ def _counts(meshes: list[Mesh], drawn: list[Mesh]) -> dict[str, int]:
     return found
 
 
-def _attributes(meshes: list[Mesh]) -> dict[str, int]:
+def _count_attributes(meshes: list[Mesh]) -> dict[str, int]:
     """Return the number of meshes with each attribute."""
     names = ("normals", "uv", "uv1", "tangents", "vertex_colors", "face_colors", "field",
              "joints", "morph_targets")  # fmt: skip
@@ -120,7 +120,7 @@ def _attributes(meshes: list[Mesh]) -> dict[str, int]:
     return {name: count for name, count in counts.items() if count}
 
 
-def _attribute_outputs(meshes: list[Mesh]) -> list[dict[str, Any]]:
+def _list_outputs(meshes: list[Mesh]) -> list[dict[str, Any]]:
     """Return the outputs of custom attributes, by name."""
     counts = Counter(
         (f"{ATTRIBUTE}{name}", values.shape[1], of)
@@ -134,7 +134,7 @@ def _attribute_outputs(meshes: list[Mesh]) -> list[dict[str, Any]]:
     ]
 
 
-def _nodes(scene: Scene) -> list[dict[str, Any]]:
+def _list_nodes(scene: Scene) -> list[dict[str, Any]]:
     """Return all nodes, parents before their children."""
     every = scene.every_node()
     numbers = {id(node): number for number, node in enumerate(every)}
@@ -155,7 +155,7 @@ def _nodes(scene: Scene) -> list[dict[str, Any]]:
     ]
 
 
-def _material(material: Material) -> dict[str, Any]:
+def _describe_material(material: Material) -> dict[str, Any]:
     """Return the fields of a material, and the size of each texture."""
     from rasterjit.scene.material import TEXTURE_FIELDS
 
@@ -186,7 +186,7 @@ def _material(material: Material) -> dict[str, Any]:
     return said
 
 
-def _textures(materials: Any) -> dict[str, Any]:
+def _describe_textures(materials: Any) -> dict[str, Any]:
     """Return the number of different textures, and the memory of their texels."""
     from rasterjit.scene.material import TEXTURE_FIELDS
 
@@ -200,7 +200,7 @@ def _textures(materials: Any) -> dict[str, Any]:
     return {"count": len(found), "texels": texels}
 
 
-def _fields(thing: Any) -> dict[str, Any]:
+def _describe_fields(thing: Any) -> dict[str, Any]:
     """Return the kind and fields of a light or camera; infinity as a word."""
     import dataclasses
 
@@ -219,11 +219,11 @@ def _fields(thing: Any) -> dict[str, Any]:
     return said
 
 
-def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def _format_rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the printed rows: name and text."""
     # Counts.
     yield "file", f"{held['file']} ({held['bytes']:,} bytes)"
-    yield "objects", f"{held['objects']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
+    yield "objects", f"{held['objects']:,} of {_format_count(held['meshes'], 'mesh', 'meshes')}"
     yield "vertices", f"{held['vertices']:,}"
     for name in PRIMITIVE_NAMES.values():
         count, in_all = held[name], held[f"{name}_drawn"]
@@ -239,20 +239,23 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "attributes", ", ".join(said) or "none"
     own = held["attribute_outputs"]
     if own:
-        told = (_attribute_line(one, of_all) for one in own)
-        yield from _list_rows("own attribute", told, len(own))
+        told = (_format_attribute(one, of_all) for one in own)
+        yield from _format_list("own attribute", told, len(own))
     if held["faces"]:
-        yield "closed", f"{held['closed']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
+        yield "closed", f"{held['closed']:,} of {_format_count(held['meshes'], 'mesh', 'meshes')}"
     # Where objects stand, and how far they reach.
-    yield from _list_rows("node", _node_lines(held["nodes"]), len(held["nodes"]))
+    yield from _format_list("node", _format_nodes(held["nodes"]), len(held["nodes"]))
     low, high = held["bounds"]["min"], held["bounds"]["max"]
-    yield "bounds", f"{_numbers(low)} to {_numbers(high)}"
+    yield "bounds", f"{_format_numbers(low)} to {_format_numbers(high)}"
     sides = [b - a for a, b in zip(low, high, strict=True)]
     yield "size", f"{' x '.join(f'{side:.6g}' for side in sides)} units"
-    yield "bounding sphere", f"centre {_numbers(held['center'])}, radius {held['radius']:.6g}"
+    yield (
+        "bounding sphere",
+        f"centre {_format_numbers(held['center'])}, radius {held['radius']:.6g}",
+    )
     # Materials, lights, cameras and animations.
-    yield from _list_rows(
-        "material", map(_material_line, held["materials"]), len(held["materials"])
+    yield from _format_list(
+        "material", map(_format_material, held["materials"]), len(held["materials"])
     )
     if held["variants"]:
         yield "variants", ", ".join(map(repr, held["variants"]))
@@ -261,12 +264,12 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "textures", f"{textures['count']:,}, {textures['texels']:,} texels"
     else:
         yield "textures", "none"
-    yield from _list_rows("light", map(_fields_line, held["lights"]), len(held["lights"]))
+    yield from _format_list("light", map(_format_fields, held["lights"]), len(held["lights"]))
     camera = held["camera"]
-    yield "camera", "none" if camera is None else _fields_line(camera)
+    yield "camera", "none" if camera is None else _format_fields(camera)
     if held["animations"]:
-        told = map(_animation_line, held["animations"])
-        yield from _list_rows("animation", told, len(held["animations"]))
+        told = map(_format_animation, held["animations"])
+        yield from _format_list("animation", told, len(held["animations"]))
     # What the file holds and the scene has not.
     left_out = [f"{one['what']} ({one['count']:,})" for one in held["left_out"]]
     yield "left out", ", ".join(left_out) or "nothing"
@@ -275,24 +278,24 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
             yield "warning", text
 
 
-def _list_rows(name: str, texts: Iterable[str], count: int) -> Iterator[tuple[str, str]]:
+def _format_list(name: str, texts: Iterable[str], count: int) -> Iterator[tuple[str, str]]:
     """Yield a row for each of the first items of a kind; one row if there is none."""
     if not count:
         yield f"{name}s", "none"
-    for number, text in enumerate(islice(texts, MAX_SHOWN)):
+    for number, text in enumerate(islice(texts, MAX_PRINTED)):
         yield f"{name} {number}", text
-    if count > MAX_SHOWN:
-        yield f"{name}s", f"{count - MAX_SHOWN:,} more: see --json"
+    if count > MAX_PRINTED:
+        yield f"{name}s", f"{count - MAX_PRINTED:,} more: see --json"
 
 
-def _attribute_line(one: dict[str, Any], of_all: str) -> str:
+def _format_attribute(one: dict[str, Any], of_all: str) -> str:
     """Return a line on an attribute's output."""
     having = f", {one['meshes']:,} {of_all} meshes" if of_all else ""
-    columns = _count(one["columns"], "column", "columns")
+    columns = _format_count(one["columns"], "column", "columns")
     return f"{one['output']!r}: {columns} of {one['of']}{having}"
 
 
-def _node_lines(nodes: list[dict[str, Any]]) -> Iterator[str]:
+def _format_nodes(nodes: list[dict[str, Any]]) -> Iterator[str]:
     """Yield a line for each node, indented by its depth."""
     depths: list[int] = []
     for one in nodes:
@@ -300,31 +303,33 @@ def _node_lines(nodes: list[dict[str, Any]]) -> Iterator[str]:
         held = "group"
         if one["object"] is not None:
             name = next((n for n in PRIMITIVE_NAMES.values() if one[n]), "faces")
-            held = f"object {one['object']}, {_count(one[name], name.removesuffix('s'), name)}"
+            held = (
+                f"object {one['object']}, {_format_count(one[name], name.removesuffix('s'), name)}"
+            )
         yield f"{'  ' * depths[-1]}{one['name']!r}: {held}"
 
 
-def _animation_line(one: dict[str, Any]) -> str:
+def _format_animation(one: dict[str, Any]) -> str:
     """Return a line on an animation."""
-    channels = _count(one["channels"], "channel", "channels")
+    channels = _format_count(one["channels"], "channel", "channels")
     return f"{one['name']!r}: {one['seconds']:.6g} s, {channels}"
 
 
-def _material_line(one: dict[str, Any]) -> str:
+def _format_material(one: dict[str, Any]) -> str:
     """Return a line on a material."""
     parts = [one["shading"]]
     if one["base_color"] is not None:
-        parts.append(f"base colour {_numbers(one['base_color'])}")
+        parts.append(f"base colour {_format_numbers(one['base_color'])}")
     if one["alpha_mode"] != "opaque":
         parts.append(one["alpha_mode"])
     if not one["double_sided"]:
         parts.append("single-sided")
     for name, (width, height) in one["textures"].items():
         parts.append(f"{name.replace('_', ' ')} {width}x{height}")
-    return f"{', '.join(parts)} ({_count(one['objects'], 'object', 'objects')})"
+    return f"{', '.join(parts)} ({_format_count(one['objects'], 'object', 'objects')})"
 
 
-def _fields_line(one: dict[str, Any]) -> str:
+def _format_fields(one: dict[str, Any]) -> str:
     """Return a line on a light or a camera."""
     parts = []
     for name, value in one.items():
@@ -334,17 +339,17 @@ def _fields_line(one: dict[str, Any]) -> str:
             parts.append(name)
         elif isinstance(value, list):
             flat = [part for row in value for part in row] if isinstance(value[0], list) else value
-            parts.append(f"{name} {_numbers(flat)}")
+            parts.append(f"{name} {_format_numbers(flat)}")
         else:
             parts.append(f"{name} {value:.6g}" if isinstance(value, float) else f"{name} {value}")
     return f"{one['kind']}: {', '.join(parts)}"
 
 
-def _numbers(values: list[float]) -> str:
+def _format_numbers(values: list[float]) -> str:
     """Return numbers in brackets."""
     return f"({', '.join(f'{value:.6g}' for value in values)})"
 
 
-def _count(count: int, one: str, several: str) -> str:
+def _format_count(count: int, one: str, several: str) -> str:
     """Return a count with its noun."""
     return f"{count:,} {one if count == 1 else several}"

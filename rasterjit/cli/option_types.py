@@ -16,7 +16,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.cli.help import CHOICE_SYNONYMS, question
+from rasterjit.cli.help import CHOICE_SYNONYMS, suggest_words
 from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS, check_outputs
 from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.quality import parse_setting
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 Vector = tuple[float, float, float]
 
-LIGHTS = ("headlight", "sun", "ambient")
+LIGHT_NAMES = ("headlight", "sun", "ambient")
 """Lights by name: the default headlight, one from above, and ambient."""
 
 
@@ -83,7 +83,7 @@ class FiniteType(FiniteNumberType, click.FloatRange):
     """A finite number in a range."""
 
 
-def numbers_in(text: str, count: int, expected: str) -> tuple[float, ...]:
+def parse_numbers(text: str, count: int, expected: str) -> tuple[float, ...]:
     """
     Return the comma-separated finite numbers of a text.
 
@@ -166,7 +166,7 @@ def lens_type(text: str) -> Lens:
 @text_type("X,Y,Z")
 def vector_type(text: str) -> tuple[float, ...]:
     """Return three numbers, ``1,2.5,-3``."""
-    return numbers_in(text, 3, "not X,Y,Z, such as 1,2.5,-3")
+    return parse_numbers(text, 3, "not X,Y,Z, such as 1,2.5,-3")
 
 
 @text_type("X,Y,Z|AXIS")
@@ -187,7 +187,7 @@ def plane_type(text: str) -> tuple[float, ...]:
     expected = "neither AXIS=PLACE, such as x=0.5 or -z=0, nor X,Y,Z,NX,NY,NZ"
     axis = re.fullmatch(r"(-?)([xyz])=(.+)", text.replace(" ", "").lower())
     if axis is None:
-        numbers = numbers_in(text, 6, expected)
+        numbers = parse_numbers(text, 6, expected)
     else:
         try:
             place = float(axis[3])
@@ -207,7 +207,7 @@ def plane_type(text: str) -> tuple[float, ...]:
 @text_type("LOW,HIGH")
 def range_type(text: str) -> tuple[float, ...]:
     """Return two numbers, the lower one first, ``0,1.5``."""
-    low, high = numbers_in(text, 2, "not LOW,HIGH, such as 0,1.5")
+    low, high = parse_numbers(text, 2, "not LOW,HIGH, such as 0,1.5")
     if low > high:
         raise ValueError(f"{text!r} must be finite, the lower one first")
     return low, high
@@ -240,12 +240,12 @@ def contours_type(text: str) -> Contours:
 
 @text_type("X,Y,Z|NAME")
 def light_type(text: str) -> tuple[float, ...] | str:
-    """Return the direction in which a light shines, ``1,-2,0.5``, or a name of `LIGHTS`."""
-    if text in LIGHTS:
+    """Return the direction in which a light shines, ``1,-2,0.5``, or a name of `LIGHT_NAMES`."""
+    if text in LIGHT_NAMES:
         return text
     if not set(text) & set("0123456789"):
-        meant = question(text, list(LIGHTS), CHOICE_SYNONYMS)
-        raise ValueError(f"{text!r} is neither X,Y,Z nor one of {', '.join(LIGHTS)}{meant}")
+        meant = suggest_words(text, list(LIGHT_NAMES), CHOICE_SYNONYMS)
+        raise ValueError(f"{text!r} is neither X,Y,Z nor one of {', '.join(LIGHT_NAMES)}{meant}")
     direction = vector_type.read(text)
     if not any(direction):
         raise ValueError(f"{text!r} must not be 0,0,0")
@@ -273,7 +273,7 @@ def background_type(text: str) -> str | BackgroundImage:
     return BackgroundImage.from_file(text) if is_file_name(text) else color_type.read(text)
 
 
-def names_in(text: str) -> list[str]:
+def split_names(text: str) -> list[str]:
     """Return the comma-separated names of a text."""
     return [name.strip() for name in text.split(",")]
 
@@ -283,15 +283,15 @@ def outputs_type(text: str) -> tuple[str, ...]:
     """Return names of outputs, ``color,depth``."""
     from rasterjit.scene.validation import suggest as asked_of_names
 
-    names = names_in(text)
+    names = split_names(text)
     unknown = next((name for name in names if name and name not in OUTPUTS), None)
     try:
         outputs = check_outputs(names)
     except ValueError as error:
         if unknown is None:
             raise
-        # The command line's question knows the names of other programs as well.
-        meant = question(unknown, list(OUTPUTS), CHOICE_SYNONYMS)
+        # Suggest by the names of other programs as well.
+        meant = suggest_words(unknown, list(OUTPUTS), CHOICE_SYNONYMS)
         said = str(error).removesuffix(asked_of_names(unknown, OUTPUTS)) if meant else error
         raise ValueError(f"{said}{meant}") from None
     for name in MOTION_OUTPUTS:
@@ -310,7 +310,7 @@ def knobs_type(text: str) -> tuple[str, ...]:
     """Return names of accuracy settings, ``samples,shading``."""
     from rasterjit.accuracy.settings_to_try import check_knobs
 
-    return check_knobs(names_in(text))
+    return check_knobs(split_names(text))
 
 
 @text_type("name")
@@ -325,10 +325,10 @@ def made_scene_type(text: str) -> str:
 
 def file_type(kind: str) -> TextType:
     """Return the type of files of a kind to write: "image", "depth", "mask" or "animation"."""
-    return TextType("file", partial(checked_file, kind))
+    return TextType("file", partial(check_file, kind))
 
 
-def checked_file(kind: str, text: str) -> Path:
+def check_file(kind: str, text: str) -> Path:
     """
     Return the path of a file to write.
 
@@ -337,7 +337,7 @@ def checked_file(kind: str, text: str) -> Path:
     ValueError
         The kind has no such format, or nothing can be written there.
     """
-    place, formats = Path(text), formats_of(kind)
+    place, formats = Path(text), list_formats(kind)
     if place.suffix.lower() not in formats:
         raise ValueError(f"{text!r} must end in one of {', '.join(formats)}")
     if not place.parent.is_dir():
@@ -351,7 +351,7 @@ def checked_file(kind: str, text: str) -> Path:
     return place
 
 
-def formats_of(kind: str) -> tuple[str, ...]:
+def list_formats(kind: str) -> tuple[str, ...]:
     """Return the extensions of a kind of file."""
     from rasterjit.animation import video
     from rasterjit.io import images
@@ -375,13 +375,13 @@ CONVENTIONS = {
 }
 """Spaces that a pose maps between, and the axes of the camera."""
 
-FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+FLIP_YZ = np.diag([1.0, -1.0, -1.0, 1.0])
 """Axes of OpenCV's cameras to ours, and back: its own inverse."""
 
 MAX_COLUMN_SCALE_ERROR = 1e-3
 """Tolerance of the lengths of a rotation's columns from 1, for rounded files."""
 
-MAX_BYTES = 1 << 20
+MAX_MATRIX_FILE_BYTES = 1 << 20
 """Most bytes of a file of a matrix."""
 
 
@@ -389,7 +389,7 @@ MAX_BYTES = 1 << 20
 def pose_type(text: str) -> Float64:
     """Return the pose of a camera, (4, 4): rows of a 4x4 or 3x4 matrix, or a file of them."""
     wanted = "the 16 or 12 numbers of a 4x4 or 3x4 matrix, row by row"
-    numbers = _matrix_numbers(text, "pose", (16, 12), wanted)
+    numbers = _read_matrix(text, "pose", (16, 12), wanted)
     return np.vstack([numbers.reshape(-1, 4), np.eye(4)[len(numbers) // 4 :]])
 
 
@@ -399,7 +399,7 @@ def intrinsics_type(text: str) -> Float64:
     from rasterjit.io.cameras import intrinsic_matrix
 
     wanted = "FX,FY,CX,CY or the 9 numbers of a 3x3 matrix K"
-    numbers = _matrix_numbers(text, "intrinsics", (9, 4), wanted)
+    numbers = _read_matrix(text, "intrinsics", (9, 4), wanted)
     if numbers.size == 4:
         fx, fy, cx, cy = numbers.tolist()
         numbers = np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
@@ -409,12 +409,12 @@ def intrinsics_type(text: str) -> Float64:
         raise ValueError(f"{text!r}: {error}") from None
 
 
-def _matrix_numbers(text: str, key: str, counts: tuple[int, ...], wanted: str) -> Float64:
+def _read_matrix(text: str, key: str, counts: tuple[int, ...], wanted: str) -> Float64:
     """Return the finite numbers of a text or a file, if their number is in ``counts``."""
     try:
-        numbers = _numbers(text)
+        numbers = _try_parse_numbers(text)
         if numbers is None:
-            numbers = _numbers_of_file(Path(text), key)
+            numbers = _read_numbers(Path(text), key)
     except (ValueError, OSError) as error:
         raise ValueError(f"{text!r} must be {wanted}, or a file of them: {error}") from None
     if numbers.size not in counts:
@@ -424,7 +424,7 @@ def _matrix_numbers(text: str, key: str, counts: tuple[int, ...], wanted: str) -
     return numbers
 
 
-def pose_from_world(pose: Float64, convention: str) -> Float64:
+def convert_pose(pose: Float64, convention: str) -> Float64:
     """
     Return OpenCV's ``camera_from_world`` of a pose, (4, 4).
 
@@ -445,11 +445,11 @@ def pose_from_world(pose: Float64, convention: str) -> Float64:
         )
     world_from_camera = pose if convention.endswith("-c2w") else inverse(pose)
     if convention.startswith("opencv"):
-        world_from_camera = compose(world_from_camera, FLIP)
-    return compose(FLIP, view_from_pose(world_from_camera, "--pose"))
+        world_from_camera = compose(world_from_camera, FLIP_YZ)
+    return compose(FLIP_YZ, view_from_pose(world_from_camera, "--pose"))
 
 
-def intrinsics_of(fov_y: float, size: tuple[int, int]) -> Float64:
+def make_intrinsics(fov_y: float, size: tuple[int, int]) -> Float64:
     """Return K, (3, 3), of a camera without them, as OpenCV has it; ``fov_y`` in degrees."""
     from rasterjit.scene.transforms import focal_length
 
@@ -459,7 +459,7 @@ def intrinsics_of(fov_y: float, size: tuple[int, int]) -> Float64:
     return np.array([[focal, 0.0, middle[0]], [0.0, focal, middle[1]], [0.0, 0.0, 1.0]])
 
 
-def camera_of(
+def make_camera(
     intrinsics: Float64, camera_from_world: Float64, size: tuple[int, int], scene: Scene
 ) -> MatrixCamera:
     """Return the camera of OpenCV's K and pose, with near and far planes around a scene."""
@@ -478,7 +478,7 @@ def camera_of(
         raise ValueError(said) from error
 
 
-def _numbers(text: str) -> Float64 | None:
+def _try_parse_numbers(text: str) -> Float64 | None:
     """Return the numbers of a text, or None if any part is not a number."""
     words = re.split(r"[\s,;\[\]]+", text.strip().strip("[]").strip())
     try:
@@ -487,24 +487,24 @@ def _numbers(text: str) -> Float64 | None:
         return None
 
 
-def _numbers_of_file(file: Path, key: str) -> Float64:
+def _read_numbers(file: Path, key: str) -> Float64:
     """Return the numbers of a ``.npy``, ``.json`` or text file, or raise ``ValueError``."""
     if not file.is_file():
         raise ValueError("there is no such file")
-    if file.stat().st_size > MAX_BYTES:
-        raise ValueError(f"it has more than {MAX_BYTES} bytes")
+    if file.stat().st_size > MAX_MATRIX_FILE_BYTES:
+        raise ValueError(f"it has more than {MAX_MATRIX_FILE_BYTES} bytes")
     if file.suffix.lower() == ".npy":
         return np.asarray(np.load(file, allow_pickle=False), np.float64).ravel()
     text = file.read_text(encoding="utf-8")
     if file.suffix.lower() == ".json":
-        return _numbers_of_json(json.loads(text), key)
-    numbers = _numbers("\n".join(line.partition("#")[0] for line in text.splitlines()))
+        return _parse_json_numbers(json.loads(text), key)
+    numbers = _try_parse_numbers("\n".join(line.partition("#")[0] for line in text.splitlines()))
     if numbers is None:
         raise ValueError("it holds other things than numbers")
     return numbers
 
 
-def _numbers_of_json(held: Any, key: str) -> Float64:
+def _parse_json_numbers(held: Any, key: str) -> Float64:
     """Return the numbers of a list (of rows), or of an object's value under a key."""
     names = {
         "pose": ("pose", "transform_matrix", "extrinsics", "extrinsic", "matrix"),

@@ -16,7 +16,7 @@ from click.core import ParameterSource
 from numpy.typing import NDArray
 
 from rasterjit.cli import option_types
-from rasterjit.cli.help import question
+from rasterjit.cli.help import suggest_words
 from rasterjit.cli.report import warn
 from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.scene.colormap import COLORMAPS, REVERSED_SUFFIX, Colormap
@@ -25,7 +25,7 @@ from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES, MAX_STOPS
-from rasterjit.scene.validation import suggest as question_of_names
+from rasterjit.scene.validation import suggest
 
 if TYPE_CHECKING:
     from rasterjit.io.foreign.codecs import Isolation
@@ -51,10 +51,10 @@ DEFAULT_DIRECTION = (-0.4, 0.6, 1.0)
 """Direction from the scene to the camera, y up: the default of ``fit_camera``."""
 DEFAULT_AZIMUTH, DEFAULT_ELEVATION = -22.0, 29.0
 """That direction in whole degrees, for when one of the two is given."""
-DEFAULT_FOV, PLACED_FOV = 28.0, 45.0
+DEFAULT_FOV, POSITIONED_FOV = 28.0, 45.0
 """Vertical field of view, degrees: of cameras fitted to the scene; with a position or pose."""
 
-SAMPLES = tuple(str(level) for level in LEVELS["samples"])
+SAMPLE_CHOICES = tuple(str(level) for level in LEVELS["samples"])
 """Choices of ``Quality.samples``."""
 
 SKY = "sky"
@@ -113,7 +113,7 @@ def option(
     kind: Any, *spelled: str, default: Any = None, help: str | None = None, **settings: Any
 ) -> Any:
     """
-    Return a dataclass field for an option; `options_of` makes the option.
+    Return a dataclass field for an option; `add_options` makes the option.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def flag(*spelled: str) -> Any:
     return option(None, *spelled, default=False, is_flag=True)
 
 
-def options_of(
+def add_options(
     kind: type, names: Iterable[str] | None = None, **words: str
 ) -> Callable[[Callable], Callable]:
     """
@@ -257,7 +257,7 @@ class SceneOptions:
     def check(self) -> None:
         """Raise click's usage error for options that need another, or that another rules out."""
         if self.scalars is None:
-            refuse_idle([*SCALAR_OPTIONS, "colorbar"], "it is for --scalars")
+            refuse_unused([*SCALAR_OPTIONS, "colorbar"], "it is for --scalars")
         elif self.color is not None:
             raise click.BadOptionUsage("--color", "--color: --scalars have colours of their own")
 
@@ -284,12 +284,12 @@ class SceneOptions:
             plain = {id(node.mesh): node.mesh.without_colors() for node in scene.nodes}
             for node in scene.nodes:
                 node.mesh = plain[id(node.mesh)]
-        changes = self._changes()
+        changes = self._get_changes()
         if changes:
             for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():
-                mesh.material = _changed(mesh.material, **changes)
+                mesh.material = _change_material(mesh.material, **changes)
         if self.light:
-            scene.lights = _lights_of(self.light)
+            scene.lights = _make_lights(self.light)
         if self.wireframe is not None or self.wireframe_color is not None:
             scene.wireframe = Wireframe(
                 self.wireframe_color or "black", self.wireframe or "overlay"
@@ -304,7 +304,7 @@ class SceneOptions:
             held = f"those with one number are {', '.join(known)}" if known else "there is none"
             raise ValueError(
                 f"--scalars: no mesh has an attribute {name!r} of one number for each vertex or "
-                f"face; {held}{question(name, list(known), {})}"
+                f"face; {held}{suggest_words(name, list(known), {})}"
             )
         ends = self.scalar_range
         if ends is None:
@@ -320,12 +320,12 @@ class SceneOptions:
                 said = re.sub(r"^contours must be None", "--contours must not be given", str(error))
                 raise ValueError(said) from error
             plain = {"base_color": None, "base_color_texture": None, "alpha_mode": "opaque"}
-            made.material = _changed(mesh.material, **plain)
+            made.material = _change_material(mesh.material, **plain)
             shown[key] = made
         for node in scene.nodes:
             node.mesh = shown.get(id(node.mesh), node.mesh)
 
-    def _changes(self) -> dict[str, Any]:
+    def _get_changes(self) -> dict[str, Any]:
         """Return the material fields that options set."""
         changes: dict[str, Any] = {} if self.shading is None else {"shading": self.shading}
         if self.color is not None:
@@ -340,14 +340,14 @@ class SceneOptions:
         return changes
 
 
-def _changed(material: Material, **changes: Any) -> Material:
+def _change_material(material: Material, **changes: Any) -> Material:
     """Return a copy of a material with changed fields."""
     # One that nothing was said about is no longer one of that kind.
     said = {one.name: getattr(material, one.name) for one in dataclasses.fields(Material)}
     return Material(**{**said, **changes})
 
 
-def _lights_of(chosen: tuple[option_types.Vector | str, ...]) -> list[Light]:
+def _make_lights(chosen: tuple[option_types.Vector | str, ...]) -> list[Light]:
     """Return lights by directions and names; [] for the default headlight."""
     from rasterjit.scene.light import AmbientLight, DirectionalLight
 
@@ -450,11 +450,11 @@ class CameraOptions:
             x, y, z = unit_vector("up", self.up).tolist()
             scene.up = (x, y, z)
         if self.intrinsics is None and scene.camera is not None and not self._is_placed():
-            return self._magnified(scene.camera)
+            return self._magnify_camera(scene.camera)
         if self.pose is not None or self.intrinsics is not None:
-            return self._calibrated(scene, size)
+            return self._make_calibrated_camera(scene, size)
         if self.position is not None:
-            return self._placed(scene, size)
+            return self._make_placed_camera(scene, size)
         return self._fit(scene, size)
 
     def _is_placed(self) -> bool:
@@ -462,7 +462,7 @@ class CameraOptions:
         placing = vars(self).keys() - {"zoom", "fov", "intrinsics"}
         return any(vars(self)[name] is not None for name in placing)
 
-    def _magnified(self, camera: AnyCamera) -> AnyCamera:
+    def _magnify_camera(self, camera: AnyCamera) -> AnyCamera:
         """Return the file's camera with another field of view, and zoomed."""
         from rasterjit.scene.camera import PerspectiveCamera
         from rasterjit.scene.camera_fitting import zoom_camera
@@ -489,28 +489,28 @@ class CameraOptions:
                 )
                 raise click.UsageError(f"--pose needs --convention, what it means: {told}")
             names = ("position", "target", "azimuth", "elevation", "up")
-            refuse_idle(names, "--pose places the camera")
+            refuse_unused(names, "--pose places the camera")
         if self.intrinsics is not None:
-            refuse_idle(("fov", "zoom"), "--intrinsics tells what the camera shows")
+            refuse_unused(("fov", "zoom"), "--intrinsics tells what the camera shows")
             behind = click.get_current_context().params.get("background")
             if not is_given("size") and (behind is None or isinstance(behind, str)):
                 raise click.UsageError("--intrinsics needs --size, of the picture that they are of")
         is_calibrated = self.pose is not None or self.intrinsics is not None
         if is_calibrated and self.projection == "orthographic":
-            refuse_idle(["projection"], "--pose and --intrinsics are of perspective cameras")
+            refuse_unused(["projection"], "--pose and --intrinsics are of perspective cameras")
 
-    def _calibrated(self, scene: Scene, size: tuple[int, int]) -> MatrixCamera:
+    def _make_calibrated_camera(self, scene: Scene, size: tuple[int, int]) -> MatrixCamera:
         """Return the camera of ``--pose`` or ``--intrinsics`` or both."""
-        from rasterjit.cli.option_types import FLIP, camera_of, intrinsics_of, pose_from_world
+        from rasterjit.cli.option_types import FLIP_YZ, convert_pose, make_camera, make_intrinsics
         from rasterjit.scene import transforms
 
         intrinsics = self.intrinsics
         if self.pose is not None:
-            pose = pose_from_world(self.pose, str(self.convention))
+            pose = convert_pose(self.pose, str(self.convention))
             if intrinsics is None:
-                intrinsics = intrinsics_of(PLACED_FOV if self.fov is None else self.fov, size)
+                intrinsics = make_intrinsics(POSITIONED_FOV if self.fov is None else self.fov, size)
                 intrinsics[[0, 1], [0, 1]] *= 1.0 if self.zoom is None else self.zoom
-            return camera_of(intrinsics, pose, size, scene)
+            return make_camera(intrinsics, pose, size, scene)
         if scene.camera is not None and not self._is_placed():
             placed = scene.camera
         else:
@@ -522,7 +522,7 @@ class CameraOptions:
                 placed = (
                     alike._fit(scene, size, steady=True)
                     if self.position is None
-                    else alike._placed(scene, size)
+                    else alike._make_placed_camera(scene, size)
                 )
             except ValueError as error:
                 if "fov_y" not in str(error):
@@ -531,8 +531,8 @@ class CameraOptions:
                     f"--intrinsics: the focal length {focal:g} of {size[1]} rows, a field of view "
                     f"of {fov_y:g} degrees, cannot be fitted to the scene; --pose places the camera"
                 ) from error
-        pose = transforms.compose(FLIP, placed.view_matrix())
-        return camera_of(intrinsics, pose, size, scene)
+        pose = transforms.compose(FLIP_YZ, placed.view_matrix())
+        return make_camera(intrinsics, pose, size, scene)
 
     def turn(
         self, scene: Scene, size: tuple[int, int], animation: Animation | None = None
@@ -544,18 +544,18 @@ class CameraOptions:
         """
         from rasterjit.animation.tracks import turntable
 
-        azimuth, elevation = self._angles()
+        azimuth, elevation = self._get_angles()
         return turntable(
             scene,
             azimuth=azimuth,
             elevation=elevation,
             animation=animation,
-            **self._fitting(scene, size),
+            **self._get_fit_arguments(scene, size),
         )
 
-    def _fitting(self, scene: Scene, size: tuple[int, int]) -> dict[str, Any]:
+    def _get_fit_arguments(self, scene: Scene, size: tuple[int, int]) -> dict[str, Any]:
         """Return the arguments common to cameras that fit the scene."""
-        usual = DEFAULT_FOV if self.position is None else PLACED_FOV
+        usual = DEFAULT_FOV if self.position is None else POSITIONED_FOV
         return {
             "fov_y": usual if self.fov is None else self.fov,
             "up": self.up or scene.up or (0.0, 1.0, 0.0),
@@ -569,25 +569,25 @@ class CameraOptions:
         from rasterjit.scene import transforms
         from rasterjit.scene.camera_fitting import fit_camera, orbit_direction, rotate_y_to
 
-        fitting = self._fitting(scene, size)
+        fitting = self._get_fit_arguments(scene, size)
         frame = rotate_y_to(fitting["up"])
         toward, upward = DEFAULT_DIRECTION, (0.0, 1.0, 0.0)
         if self.azimuth is not None or self.elevation is not None:
-            azimuth, elevation = self._angles()
+            azimuth, elevation = self._get_angles()
             toward = orbit_direction(azimuth, elevation)
             # Ninety degrees above the camera is up for it, at the poles as well.
             upward = orbit_direction(azimuth, elevation + 90.0)
         fitting["up"] = transforms.apply(frame, upward)
         return fit_camera(scene, transforms.apply(frame, toward), steady=steady, **fitting)
 
-    def _angles(self) -> tuple[float, float]:
+    def _get_angles(self) -> tuple[float, float]:
         """Return azimuth and elevation, degrees, given or default."""
         return (
             DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth,
             DEFAULT_ELEVATION if self.elevation is None else self.elevation,
         )
 
-    def _placed(self, scene: Scene, size: tuple[int, int]) -> FittedCamera:
+    def _make_placed_camera(self, scene: Scene, size: tuple[int, int]) -> FittedCamera:
         """Return the camera at ``position``, its near and far plane around the scene."""
         import numpy as np
 
@@ -638,11 +638,11 @@ class TimeOptions:
         if self.time is None and self.animation is None:
             return scene
         option = "--animation" if self.time is None else "--time"
-        chosen = chosen_animation(scene, file, self.animation, option)
+        chosen = find_animation(scene, file, self.animation, option)
         return scene.at(0.0 if self.time is None else self.time, chosen)
 
 
-def chosen_animation(scene: Scene, file: Path, asked: str | None, option: str) -> Animation:
+def find_animation(scene: Scene, file: Path, asked: str | None, option: str) -> Animation:
     """
     Return an animation by its name or, if none has that name, its index.
 
@@ -663,7 +663,7 @@ def chosen_animation(scene: Scene, file: Path, asked: str | None, option: str) -
     listed = ", ".join(f"{number}: {name!r}" for number, name in enumerate(names))
     raise click.BadOptionUsage(
         "--animation",
-        f"--animation: {file.name} has no {asked!r}, but {listed}{question_of_names(asked, names)}",
+        f"--animation: {file.name} has no {asked!r}, but {listed}{suggest(asked, names)}",
     )
 
 
@@ -722,7 +722,7 @@ class Effects:
     changes: tuple[dict[str, Any], ...] = option(
         option_types.setting_type, "--set", default=(), multiple=True
     )
-    samples: str | None = option(click.Choice(SAMPLES))
+    samples: str | None = option(click.Choice(SAMPLE_CHOICES))
     style: str = "plain"
 
     def quality(self) -> Quality:
@@ -770,12 +770,12 @@ class Effects:
         if self.eye_dome is not None:
             scene.eye_dome = EyeDome(self.eye_dome)
         if not self.section:
-            refuse_idle(["section_lines"], "it is for --section")
+            refuse_unused(["section_lines"], "it is for --section")
         else:
-            scene.section = _planes(self.section, self.section_lines)
+            scene.section = _make_planes(self.section, self.section_lines)
 
 
-def _planes(planes: tuple[tuple[float, ...], ...], lines: str | None) -> list[SectionPlane]:
+def _make_planes(planes: tuple[tuple[float, ...], ...], lines: str | None) -> list[SectionPlane]:
     """Return planes of points and normals, with lines of a colour or without."""
     from rasterjit.scene.section import SectionPlane
 
@@ -813,7 +813,9 @@ def style_option(command: Callable) -> Callable:
     )(command)  # fmt: skip
 
 
-def in_style(scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects: Effects) -> Style:
+def apply_style(
+    scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects: Effects
+) -> Style:
     """Return a scene in its style; options override the style."""
     from rasterjit import styles
     from rasterjit.scene.camera_fitting import default_camera
@@ -828,13 +830,13 @@ def in_style(scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects
     return style
 
 
-def gather(kind: type[Options], options: dict[str, Any]) -> Options:
+def gather_options(kind: type[Options], options: dict[str, Any]) -> Options:
     """Return the options of one class out of all those of a command."""
     names = [field.name for field in dataclasses.fields(kind) if field.name in options]
     return kind(**{name: options[name] for name in names})
 
 
-class Described(NamedTuple):
+class RenderOptions(NamedTuple):
     """The options of a picture: camera, scene, effects and time."""
 
     view: CameraOptions
@@ -843,15 +845,18 @@ class Described(NamedTuple):
     moment: TimeOptions
 
 
-def described(options: dict[str, Any]) -> Described:
+def gather_render_options(options: dict[str, Any]) -> RenderOptions:
     """Return the options of a picture, checked, or raise click's usage error."""
-    made = Described(
-        *(gather(kind, options) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions))
+    made = RenderOptions(
+        *(
+            gather_options(kind, options)
+            for kind in (CameraOptions, SceneOptions, Effects, TimeOptions)
+        )
     )
     made.view.check()
     made.look.check()
     if made.effects.style in STYLES_WITH_COLORS:
-        refuse_idle(PAINT_OPTIONS, f"--style {made.effects.style} has colours of its own")
+        refuse_unused(PAINT_OPTIONS, f"--style {made.effects.style} has colours of its own")
     return made
 
 
@@ -862,7 +867,7 @@ def is_given(name: str) -> bool:
     return source not in (None, *defaults)
 
 
-def refuse_idle(names: Iterable[str], why: str) -> None:
+def refuse_unused(names: Iterable[str], why: str) -> None:
     """Raise click's usage error for the first given option that has no effect."""
     options = {one.name: one for one in click.get_current_context().command.params}
     for name in names:
@@ -875,16 +880,16 @@ def refuse_without_color(outputs: tuple[str, ...]) -> None:
     """Raise click's usage error for options of colour if no output shows colour."""
     shown = f"the outputs are {', '.join(outputs)}"
     if "color" not in outputs:
-        refuse_idle(CODE_OPTIONS, f"it acts on the output color alone, and {shown}")
+        refuse_unused(CODE_OPTIONS, f"it acts on the output color alone, and {shown}")
     if not {"color", "linear"} & set(outputs):
-        refuse_idle(COLOR_OPTIONS, f"no output shows colour: {shown}")
+        refuse_unused(COLOR_OPTIONS, f"no output shows colour: {shown}")
         if "scalar" not in outputs:
-            refuse_idle(["scalars"], f"no output shows colour or scalar: {shown}")
+            refuse_unused(["scalars"], f"no output shows colour or scalar: {shown}")
         if "coverage" not in outputs:
-            refuse_idle(["samples"], f"each pixel has one sample of what is no colour: {shown}")
+            refuse_unused(["samples"], f"each pixel has one sample of what is no colour: {shown}")
 
 
-def checked_place(name: str, place: Path, kind: str) -> Path:
+def check_place(name: str, place: Path, kind: str) -> Path:
     """Return the value of an option that names a file to write, or raise click's usage error."""
     context = click.get_current_context()
     option = next(one for one in context.command.params if one.name == name)
@@ -893,7 +898,7 @@ def checked_place(name: str, place: Path, kind: str) -> Path:
 
 def is_picture(file: Path) -> bool:
     """Tell whether a file name is that of a picture or of buffers."""
-    return file.suffix.lower() in option_types.formats_of("image")
+    return file.suffix.lower() in option_types.list_formats("image")
 
 
 def refuse_picture(what: str, output: Path) -> None:
@@ -906,17 +911,17 @@ def refuse_picture(what: str, output: Path) -> None:
         )
 
 
-look_options = options_of(SceneOptions)
-reading_options = options_of(SceneOptions, READING_OPTIONS)
-view_options = options_of(CameraOptions)
-orbit_options = options_of(
+look_options = add_options(SceneOptions)
+reading_options = add_options(SceneOptions, READING_OPTIONS)
+view_options = add_options(CameraOptions)
+orbit_options = add_options(
     CameraOptions, ("azimuth", "elevation", "zoom", "fov", "projection", "up"),
     azimuth="Degrees around the scene of the first frame: 0 is +z, 90 is +x (z up: -y, +x).",
     zoom="How many times larger to show the scene.",
 )  # fmt: skip
-moment_options = options_of(TimeOptions)
-effect_options = options_of(Effects)
-quality_options = options_of(Effects, QUALITY_OPTIONS)
-unsettled_options = options_of(
+moment_options = add_options(TimeOptions)
+effect_options = add_options(Effects)
+quality_options = add_options(Effects, QUALITY_OPTIONS)
+unsettled_options = add_options(
     Effects, {one.name for one in dataclasses.fields(Effects)} - set(QUALITY_OPTIONS)
 )

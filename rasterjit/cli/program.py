@@ -22,9 +22,9 @@ import click.shell_completion
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.cli.help import Command, with_advice
+from rasterjit.cli.help import Command, add_advice
 from rasterjit.cli.option_types import background_type, color_type, size_type
-from rasterjit.cli.options import Effects, SceneOptions, is_given, refuse_idle
+from rasterjit.cli.options import Effects, SceneOptions, is_given, refuse_unused
 from rasterjit.cli.report import let_streams_escape, say_error, warn
 from rasterjit.interrupts import INTERRUPTED, raise_if_interrupted
 from rasterjit.outputs.output_table import find_row
@@ -35,36 +35,36 @@ if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.scene import Scene
 
-RENDER = "render"
+DEFAULT_COMMAND = "render"
 """The command to run if a file stands in place of a command."""
 
-DEBUG = "rasterjit.debug"
+DEBUG_KEY = "rasterjit.debug"
 """Key of the flag in click's context."""
 
-FILE = "rasterjit.file"
+FILE_KEY = "rasterjit.file"
 """Key of the file that was read in click's context."""
 
-WARNS_BY_LINES = "rasterjit.warns_by_lines"
+WARNS_BY_LINES_KEY = "rasterjit.warns_by_lines"
 """Key in click's context: whether warnings are printed as lines."""
 
-SCENE = re.compile(r"scene\b")
+SCENE_ERROR = re.compile(r"scene\b")
 """Start of errors about the contents of a file."""
 
-DEPTH_SCALE = 0.001
+DEFAULT_DEPTH_SCALE = 0.001
 """Default scene units per code of a 16-bit depth PNG: millimetres, if a unit is a metre."""
 
-MIN_CODES = 256
+MIN_DEPTH_CODES = 256
 """Least codes between the nearest and farthest depth with that scale: those of 8 bits."""
 
-MASKS = ("coverage", "object_id", "instance_id", "material_id", "face_id")
+MASK_OUTPUTS = ("coverage", "object_id", "instance_id", "material_id", "face_id")
 """Outputs that can be written as masks."""
 
-ARGUMENTS = re.compile(
+ARGUMENT_NAMES = re.compile(
     r"\b(on_damage|on_invalid|max_bytes|resource_root|isolate)\b(?: ?= ?'?([^\s';]+)'?)?"
 )
 """Options by the library's arguments (or ``argument=value``) in its messages."""
 
-SUBJECT = re.compile(r"(quality\.)?(\w+)(?= (?:must|has|and)\b)")
+MESSAGE_SUBJECT = re.compile(r"(quality\.)?(\w+)(?= (?:must|has|and)\b)")
 """Start of the library's messages about an argument."""
 
 OWN_PROCESS = "own process"
@@ -79,11 +79,11 @@ class Program(click.Group):
     def resolve_command(
         self, context: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the named command, or `RENDER` for the name of a file."""
+        """Return the named command, or `DEFAULT_COMMAND` for the name of a file."""
         first = args[0]
         if first not in self.commands and (Path(first).name != first or Path(first).suffix
                                            or Path(first).exists()):  # fmt: skip
-            return super().resolve_command(context, [RENDER, *args])
+            return super().resolve_command(context, [DEFAULT_COMMAND, *args])
         return super().resolve_command(context, args)
 
     def shell_complete(
@@ -101,7 +101,7 @@ class Program(click.Group):
         try:
             code = super().main(*arguments, standalone_mode=False, **extra)
         except click.ClickException as error:
-            say_error(with_advice(error))
+            say_error(add_advice(error))
             code = error.exit_code
         except click.Abort:
             say_error("interrupted")
@@ -116,16 +116,20 @@ class Program(click.Group):
             raise
         except Exception as error:
             raise_if_interrupted()
-            if context.meta.get(DEBUG):
+            if context.meta.get(DEBUG_KEY):
                 raise
             command = self.commands.get(context.invoked_subcommand or "")
-            message = of_an_option(describe(error), command)
-            if FILE in context.meta and isinstance(error, ValueError) and SCENE.match(message):
-                message = f"{context.meta[FILE]}: {message}"
+            message = name_option(describe_error(error), command)
+            if (
+                FILE_KEY in context.meta
+                and isinstance(error, ValueError)
+                and SCENE_ERROR.match(message)
+            ):
+                message = f"{context.meta[FILE_KEY]}: {message}"
             raise click.ClickException(message) from error
 
 
-def leave() -> None:
+def exit_process() -> None:
     """End the process at once, if it is the command's own, without waiting for drawing threads."""
     if click.get_current_context().find_root().obj == OWN_PROCESS:
         sys.stdout.flush()
@@ -133,7 +137,7 @@ def leave() -> None:
         os._exit(0)
 
 
-def in_options(message: str) -> str:
+def spell_options(message: str) -> str:
     """Return a message of the library with options in place of arguments."""
 
     def spell(found: re.Match[str]) -> str:
@@ -142,12 +146,12 @@ def in_options(message: str) -> str:
         option = "--" + found[1].replace("_", "-")
         return option if found[2] is None else f"{option} {found[2]}"
 
-    return ARGUMENTS.sub(spell, message)
+    return ARGUMENT_NAMES.sub(spell, message)
 
 
-def of_an_option(message: str, command: click.Command | None) -> str:
+def name_option(message: str, command: click.Command | None) -> str:
     """Return a message about an argument as one about the command's option, if there is one."""
-    found = SUBJECT.match(message)
+    found = MESSAGE_SUBJECT.match(message)
     if found is None or command is None:
         return message
     name = {"eye": "position", "fov_y": "fov"}.get(found[2], found[2])
@@ -159,12 +163,12 @@ def of_an_option(message: str, command: click.Command | None) -> str:
     return message
 
 
-def describe(error: Exception) -> str:
+def describe_error(error: Exception) -> str:
     """Return an error as a line, without a traceback."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, (ValueError, OSError)) and str(error):
-        return in_options(str(error))
+        return spell_options(str(error))
     if isinstance(error, ImportError) and "pip install" in str(error):
         return str(error)
     if isinstance(error, MemoryError):
@@ -172,15 +176,17 @@ def describe(error: Exception) -> str:
     return f"{type(error).__name__}: {error} (--debug shows where)"
 
 
-def reason(error: Exception) -> str:
+def get_reason(error: Exception) -> str:
     """Return the reason why a file could not be drawn."""
-    return error.format_message() if isinstance(error, click.ClickException) else describe(error)
+    return (
+        error.format_message() if isinstance(error, click.ClickException) else describe_error(error)
+    )
 
 
 def _set_debug(context: click.Context, parameter: click.Parameter, value: bool) -> None:
     """Store the flag, wherever it stands on the line."""
     if value:
-        context.meta[DEBUG] = True
+        context.meta[DEBUG_KEY] = True
 
 
 debug_option = click.option(
@@ -221,7 +227,7 @@ def size_option(default: str) -> Callable:
     )  # fmt: skip
 
 
-def size_behind(background: str | BackgroundImage | None, size: tuple[int, int]) -> tuple[int, int]:
+def choose_size(background: str | BackgroundImage | None, size: tuple[int, int]) -> tuple[int, int]:
     """Return the given size of the picture, or else that of the background picture."""
     if background is None or isinstance(background, str):
         return size
@@ -250,13 +256,13 @@ def is_opaque(background: str | BackgroundImage | None) -> bool:
     return bool(linear_color("background", background)[3] == 1.0)
 
 
-Places = dict[Path, tuple[str, ...] | str]
+FileContents = dict[Path, tuple[str, ...] | str]
 """Contents of each output file: outputs by name, ``"picture"``, or the name of its option."""
 
 
 def plan_files(
     output: Path, outputs: tuple[str, ...], besides: dict[str, tuple[Path | None, str]]
-) -> tuple[tuple[str, ...], Places]:
+) -> tuple[tuple[str, ...], FileContents]:
     """
     Return the outputs to render and the files to write, or raise click's usage error.
 
@@ -275,12 +281,12 @@ def plan_files(
         that is the picture, and the others go to an ``.npz`` beside it.
     """
     wanted = dict.fromkeys(outputs)
-    places: Places = {}
+    places: FileContents = {}
     suffix = output.suffix.lower()
     if suffix == ".exr":
         # It holds light, not codes.
         wanted = dict.fromkeys("linear" if name == "color" else name for name in outputs)
-    formats = _formats_of_one(outputs)
+    formats = _list_single_formats(outputs)
     if formats and suffix not in formats:
         raise click.BadOptionUsage(
             "--outputs",
@@ -305,21 +311,21 @@ def plan_files(
     return tuple(wanted), places
 
 
-def _formats_of_one(outputs: tuple[str, ...]) -> tuple[str, ...]:
+def _list_single_formats(outputs: tuple[str, ...]) -> tuple[str, ...]:
     """Return the formats for the only output; () for colour, or several outputs."""
     if len(outputs) > 1 or outputs[0] == "color":
         return ()
     return (".npz", ".exr") if outputs[0] == "linear" else (".png", ".npz", ".exr")
 
 
-def refuse_idle_scale(places: Places) -> None:
+def refuse_unused_scale(places: FileContents) -> None:
     """Raise click's usage error for a ``--scale`` that no file uses."""
     if not any(_takes_scale(place, content) for place, content in places.items()):
-        refuse_idle(["scale"], "no output is written to a 16-bit .png")
+        refuse_unused(["scale"], "no output is written to a 16-bit .png")
 
 
 def write_files(
-    frame: Frame, places: Places, scale: float | None, colorbar: str | None = None
+    frame: Frame, places: FileContents, scale: float | None, colorbar: str | None = None
 ) -> dict[Path, float]:
     """
     Write each file, whole or not at all; none if one of 16-bit codes cannot hold its values.
@@ -341,7 +347,7 @@ def write_files(
     """
     arrays = frame.arrays()
     chosen = {
-        place: depth_scale(place, arrays["depth"])
+        place: choose_depth_scale(place, arrays["depth"])
         for place, content in places.items()
         if content == "depth" and scale is None and _takes_scale(place, content)
     }
@@ -360,17 +366,20 @@ def write_files(
     return chosen
 
 
-def depth_scale(place: Path, depth: NDArray[np.float32]) -> float:
+def choose_depth_scale(place: Path, depth: NDArray[np.float32]) -> float:
     """Return scene units per code for a frame's depth, or raise ``ValueError``."""
     from rasterjit.outputs.save import MAX_CODE, find_decimal_scale, find_nearest_code
 
     seen = depth[np.isfinite(depth)]
     if not seen.size:
-        return DEPTH_SCALE
+        return DEFAULT_DEPTH_SCALE
     nearest, farthest = float(seen.min()), float(seen.max())
-    low, high = find_nearest_code(nearest, DEPTH_SCALE), find_nearest_code(farthest, DEPTH_SCALE)
-    if low >= 1 and high <= MAX_CODE and high - low >= MIN_CODES - 1:
-        return DEPTH_SCALE
+    low, high = (
+        find_nearest_code(nearest, DEFAULT_DEPTH_SCALE),
+        find_nearest_code(farthest, DEFAULT_DEPTH_SCALE),
+    )
+    if low >= 1 and high <= MAX_CODE and high - low >= MIN_DEPTH_CODES - 1:
+        return DEFAULT_DEPTH_SCALE
     scale = find_decimal_scale(seen)
     if scale is None:
         raise ValueError(
@@ -381,7 +390,7 @@ def depth_scale(place: Path, depth: NDArray[np.float32]) -> float:
 
 
 def _check_codes(
-    arrays: dict[str, NDArray[Any]], places: Places, scales: dict[Path, float | None]
+    arrays: dict[str, NDArray[Any]], places: FileContents, scales: dict[Path, float | None]
 ) -> None:
     """Raise ``ValueError`` if a PNG of 16-bit codes cannot hold its values."""
     from rasterjit.outputs.save import encode_output
@@ -413,7 +422,7 @@ def _write_file(
         frame.save(place, content, scale=scale)
 
 
-def codes_line(place: Path, content: tuple[str, ...] | str, scale: float | None) -> str:
+def format_codes_line(place: Path, content: tuple[str, ...] | str, scale: float | None) -> str:
     """Return a note on a file of 16-bit codes with its ``scale``."""
     if scale is not None:
         return f"  16 bits, a code is {scale:g} units (--scale {scale:g}), 0 is nothing"
@@ -453,9 +462,9 @@ def load_scene(file: Path, look: SceneOptions, effects: Effects, quiet: bool) ->
             isolate=look.isolate,
         )
     raise_if_interrupted()
-    click.get_current_context().meta[FILE] = file
+    click.get_current_context().meta[FILE_KEY] = file
     for warning in caught:
-        warn(in_options(str(warning.message)), quiet)
+        warn(spell_options(str(warning.message)), quiet)
     look.apply(scene)
     effects.apply(scene)
     _warn_by_lines(quiet)
@@ -465,18 +474,18 @@ def load_scene(file: Path, look: SceneOptions, effects: Effects, quiet: bool) ->
 def _warn_by_lines(quiet: bool) -> None:
     """Print warnings of drawing as lines, until the command ends."""
     context, known = click.get_current_context(), warnings.showwarning
-    if context.meta.get(WARNS_BY_LINES):
+    if context.meta.get(WARNS_BY_LINES_KEY):
         return
 
     def show(message: Warning | str, category: type[Warning], *rest: Any) -> None:
         if issubclass(category, UserWarning):
-            warn(in_options(str(message)), quiet)
+            warn(spell_options(str(message)), quiet)
         else:
             known(message, category, *rest)
 
     def restore() -> None:
         warnings.showwarning = known
 
-    context.meta[WARNS_BY_LINES] = True
+    context.meta[WARNS_BY_LINES_KEY] = True
     warnings.showwarning = show
     context.call_on_close(restore)

@@ -17,27 +17,27 @@ from rasterjit.cli import report
 from rasterjit.cli.option_types import FiniteType, file_type, lens_type, outputs_type
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
-    Described,
-    checked_place,
+    RenderOptions,
+    apply_style,
+    check_place,
     flag,
-    in_style,
     is_picture,
     option,
-    refuse_idle,
     refuse_picture,
+    refuse_unused,
     refuse_without_color,
 )
 from rasterjit.cli.program import (
-    DEPTH_SCALE,
-    MASKS,
-    MIN_CODES,
-    codes_line,
+    DEFAULT_DEPTH_SCALE,
+    MASK_OUTPUTS,
+    MIN_DEPTH_CODES,
+    choose_size,
+    format_codes_line,
+    get_reason,
     is_opaque,
     load_scene,
     plan_files,
-    reason,
-    refuse_idle_scale,
-    size_behind,
+    refuse_unused_scale,
     write_files,
 )
 from rasterjit.interrupts import raise_if_interrupted
@@ -93,17 +93,17 @@ class PictureOptions:
     scale: float | None = option(
         FiniteType(0.0, min_open=True), metavar="UNITS",
         help="Scene units that a code of a 16-bit .png stands for, as in Frame.save. Default: for "
-        f"--depth, {DEPTH_SCALE} if that fits and keeps {MIN_CODES} codes, else the smallest "
-        "power of ten that fits; for other outputs, what fits the values best.",
+        f"--depth, {DEFAULT_DEPTH_SCALE} if that fits and keeps {MIN_DEPTH_CODES} codes, else the "
+        "smallest power of ten that fits; for other outputs, what fits the values best.",
     )  # fmt: skip
     mask_file: Path | None = option(file_type("mask"), "--mask", metavar="FILE")
-    mask_of: str = option(click.Choice(MASKS), default="coverage")
+    mask_of: str = option(click.Choice(MASK_OUTPUTS), default="coverage")
     colorbar: bool = flag()
     diagnose: bool = flag()
     stats: bool = flag()
 
 
-def places_of(
+def plan_places(
     files: tuple[Path, ...], output: Path | None, suffix: str, force: bool
 ) -> dict[Path, Path]:
     """
@@ -129,7 +129,7 @@ def places_of(
             "what is written"
         )
     if len(files) == 1 and output is not None and not output.is_dir():
-        return {files[0]: checked_place("output", output, "image")}
+        return {files[0]: check_place("output", output, "image")}
     if output is not None and output.exists() and not output.is_dir():
         raise click.BadOptionUsage(
             "--output", f"--output: {output} is a file, and the pictures of several go to a folder"
@@ -137,7 +137,7 @@ def places_of(
     if output is not None:
         refuse_picture("several files", output)
     folder = Path() if output is None else output
-    places = {file: folder / name for file, name in names_of(files, suffix).items()}
+    places = {file: folder / name for file, name in choose_names(files, suffix).items()}
     if output is None and any(place.parent != folder for place in places.values()):
         names = [file.with_suffix(suffix).name for file in files]
         name = next(one for one in names if names.count(one) > 1)
@@ -152,7 +152,7 @@ def places_of(
     return places
 
 
-def names_of(files: tuple[Path, ...], suffix: str) -> dict[Path, Path]:
+def choose_names(files: tuple[Path, ...], suffix: str) -> dict[Path, Path]:
     """
     Return distinct names for the pictures of several files.
 
@@ -184,10 +184,10 @@ def _as_system_sees(name: Path) -> str:
     return str(name).casefold() if sys.platform in ("darwin", "win32") else str(name)
 
 
-def to_standard_output(
+def write_to_standard_output(
     files: tuple[Path, ...],
     asked: PictureOptions,
-    shown: Described,
+    shown: RenderOptions,
 ) -> None:
     """Write only the picture of a file to standard output."""
     if len(files) > 1:
@@ -207,7 +207,7 @@ def to_standard_output(
 def render_files(
     places: dict[Path, Path],
     asked: PictureOptions,
-    shown: Described,
+    shown: RenderOptions,
 ) -> None:
     """Draw several files; name those that fail, and fail at the end."""
     failed = 0
@@ -220,31 +220,31 @@ def render_files(
         except Exception as error:
             raise_if_interrupted()
             failed += 1
-            report.warn(f"left out {file}: {reason(error)}", asked.quiet)
+            report.warn(f"left out {file}: {get_reason(error)}", asked.quiet)
     if failed:
         raise click.ClickException(f"{failed} of {len(places)} files could not be drawn")
 
 
-def render_file(file: Path, output: Path, asked: PictureOptions, shown: Described) -> None:
+def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOptions) -> None:
     """Draw a file, write its outputs, and print a line."""
     from rasterjit.io.images import OPAQUE_FORMATS
 
     view, look, effects, moment = shown
-    size, background = size_behind(asked.background, asked.size), asked.background
+    size, background = choose_size(asked.background, asked.size), asked.background
     if output.suffix.lower() in OPAQUE_FORMATS and not is_opaque(background):
         raise click.BadOptionUsage(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
         )
     if asked.mask_file is None:
-        refuse_idle(["mask_of"], "it is for --mask")
+        refuse_unused(["mask_of"], "it is for --mask")
     besides = {"--depth": (asked.depth_file, "depth"), "--mask": (asked.mask_file, asked.mask_of)}
     wanted, places = plan_files(output, asked.outputs, besides)
-    refuse_idle_scale(places)
+    refuse_unused_scale(places)
     if "picture" not in places.values():
-        refuse_idle(["colorbar"], f"{output} is no picture of the colour")
+        refuse_unused(["colorbar"], f"{output} is no picture of the colour")
     title = look.scalars if asked.colorbar else None
     refuse_without_color(wanted)
-    from rasterjit.cli.warmup import first_tasks
+    from rasterjit.cli.warmup import list_first_tasks
     from rasterjit.rendering.view_warnings import ViewWarning, warnings_of_frame
     from rasterjit.runtime.background_compile import compile_in_background
 
@@ -254,9 +254,9 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
     }  # fmt: skip
     effects.quality()
     with (
-        report.status(f"Rendering {file.name}", quiet) as line,
-        report.progress_notice(quiet, line),
-        compile_in_background(first_tasks, asked.threads, at_once=True),
+        report.show_spinner(f"Rendering {file.name}", quiet) as line,
+        report.show_compile_progress(quiet, line),
+        compile_in_background(list_first_tasks, asked.threads, at_once=True),
         warnings.catch_warnings(),
     ):
         # Said below, as lines.
@@ -264,8 +264,8 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
         scene = moment.apply(load_scene(file, look, effects, quiet), file)
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
-        style = in_style(scene, camera, look, effects)
-        exposure = report.exposure_line(scene, style)
+        style = apply_style(scene, camera, look, effects)
+        exposure = report.format_exposure(scene, style)
         frame = style.render(size=size, diagnose=asked.diagnose, threads=asked.threads, **options)
         rendered = time.perf_counter()
         chosen = write_files(frame, places, asked.scale, title)
@@ -282,6 +282,6 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
     if asked.diagnose:
         report.print_diagnostics(frame.diagnostics)
     for number, place in enumerate(places):
-        told = report.frame_line(frame, saved - start) if number == 0 else ""
-        told += codes_line(place, places[place], chosen.get(place))
+        told = report.format_frame(frame, saved - start) if number == 0 else ""
+        told += format_codes_line(place, places[place], chosen.get(place))
         report.say(f"wrote {place}{told}")

@@ -24,10 +24,10 @@ STAGE_NAMES = {"compile": "compile, or load compiled"}
 """Plainer names of stages for the table."""
 
 
-_UNSAFE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_UNSAFE_CHARACTERS = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 """Control characters that terminals obey, such as ESC, and undecodable bytes."""
 
-_BREAK = re.compile(r"\s*\n\s*")
+_LINE_BREAK = re.compile(r"\s*\n\s*")
 
 
 def let_streams_escape() -> None:
@@ -37,9 +37,9 @@ def let_streams_escape() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def printable(text: str) -> str:
+def escape_controls(text: str) -> str:
     """Return a line whose control characters are escaped as in JSON."""
-    return _UNSAFE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return _UNSAFE_CHARACTERS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def say(*lines: str, err: bool = False) -> None:
@@ -47,22 +47,22 @@ def say(*lines: str, err: bool = False) -> None:
     stream = sys.stderr if err else sys.stdout
     for line in lines:
         # Given none, click encodes by its own rules.
-        click.echo(printable(line), file=stream)
+        click.echo(escape_controls(line), file=stream)
 
 
 def say_error(message: str) -> None:
     """Print an error as one line on standard error."""
-    say("error: " + _BREAK.sub(" ", message.strip()), err=True)
+    say("error: " + _LINE_BREAK.sub(" ", message.strip()), err=True)
 
 
 def warn(message: str, quiet: bool) -> None:
     """Print a warning as one line on standard error."""
     if not quiet:
-        say("warning: " + _BREAK.sub(" ", message.strip()), err=True)
+        say("warning: " + _LINE_BREAK.sub(" ", message.strip()), err=True)
 
 
 @contextmanager
-def progress_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
+def show_compile_progress(quiet: bool, shown: Any = None) -> Iterator[None]:
     """
     Show progress of compiling and of a frame's sub-pictures, if they take long.
 
@@ -107,7 +107,7 @@ def progress_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
 
 
 @contextmanager
-def status(text: str, quiet: bool) -> Iterator[Any]:
+def show_spinner(text: str, quiet: bool) -> Iterator[Any]:
     """Show a spinner if standard error is a terminal; yield the line, or None."""
     if quiet or not sys.stderr.isatty():
         # Without the 50 ms that the import of rich takes.
@@ -117,12 +117,16 @@ def status(text: str, quiet: bool) -> Iterator[Any]:
     from rich.markup import escape
 
     console = Console(stderr=True)
-    with console.status(escape(printable(text))) if console.is_terminal else nullcontext() as shown:
+    with (
+        console.status(escape(escape_controls(text)))
+        if console.is_terminal
+        else nullcontext() as shown
+    ):
         yield shown
 
 
 @contextmanager
-def progress_bar(
+def show_progress_bar(
     text: str, quiet: bool, is_told: bool = False
 ) -> Iterator[Callable[[int, int], None]]:
     """
@@ -158,7 +162,9 @@ def progress_bar(
         yield lambda done, total: progress.update(bar, completed=done, total=total)
 
 
-def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> Iterator[Item]:
+def iterate_with_progress(
+    items: Iterable[Item], count: int, text: str, quiet: bool
+) -> Iterator[Item]:
     """Yield the items, with a progress bar if standard error is a terminal."""
     from rich.console import Console
     from rich.progress import track
@@ -168,13 +174,13 @@ def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> 
     yield from track(items, text, total=count, console=console, disable=hidden, transient=True)
 
 
-def frame_line(frame: Frame, total: float) -> str:
+def format_frame(frame: Frame, total: float) -> str:
     """Return a line on a picture: its size, counts, and seconds."""
     width, height = frame.plan.size
     return f"  {width}x{height}  {frame.counted}  {total:.2f} s"
 
 
-def exposure_line(scene: Scene, style: Style) -> str:
+def format_exposure(scene: Scene, style: Style) -> str:
     """Return a note on the exposure that a style chose; "" if it chose none."""
     tones = style.scene.tone_map
     if scene.tone_map is not None or tones is None or tones.exposure == 0.0:

@@ -11,28 +11,28 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.cli.options import Described, in_style, is_given, refuse_idle
-from rasterjit.cli.program import is_opaque, load_scene, reason, size_behind
-from rasterjit.cli.report import progress_bar, progress_notice, say, warn
+from rasterjit.cli.options import RenderOptions, apply_style, is_given, refuse_unused
+from rasterjit.cli.program import choose_size, get_reason, is_opaque, load_scene
+from rasterjit.cli.report import say, show_compile_progress, show_progress_bar, warn
 from rasterjit.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
     from rasterjit.rendering.renderer import Renderer
 
-SIZE = (256, 256)
+DEFAULT_SIZE = (256, 256)
 """Default width and height, pixels."""
 
-SETTINGS = ".rasterjit-render"
+SETTINGS_FILE = ".rasterjit-render"
 """File in the output folder with a hash of the pictures' settings."""
 
-ALONE = (
+SINGLE_FILE_OPTIONS = (
     "lens", "outputs", "depth_file", "scale", "mask_file", "mask_of", "diagnose",
 )  # fmt: skip
 """Options that need a single file."""
 
 
 def render_folder(
-    folder: Path, output: Path, suffix: str, force: bool, shown: Described, *,
+    folder: Path, output: Path, suffix: str, force: bool, shown: RenderOptions, *,
     size: tuple[int, int], threads: int | None, quiet: bool, **options: Any,
 ) -> None:  # fmt: skip
     """
@@ -47,7 +47,7 @@ def render_folder(
     force : bool
         Whether pictures are drawn anew that are there, drawn with the same settings and version
         after their mesh was written.
-    shown : Described
+    shown : RenderOptions
     size, threads, quiet
         Of the command.
     **options
@@ -64,8 +64,8 @@ def render_folder(
     from rasterjit.rendering.renderer import Renderer
 
     # What is asked for, before anything is made.
-    refuse_idle(ALONE, f"{folder} is a folder, of whose meshes pictures are drawn")
-    size = size_behind(options["background"], size if is_given("size") else SIZE)
+    refuse_unused(SINGLE_FILE_OPTIONS, f"{folder} is a folder, of whose meshes pictures are drawn")
+    size = choose_size(options["background"], size if is_given("size") else DEFAULT_SIZE)
     root = folder.resolve()
     names = [file.relative_to(root) for file in mesh_files(root)]
     if not names:
@@ -77,12 +77,12 @@ def render_folder(
     # Which pictures are there already, drawn with these settings.
     _make_folder(output)
     settings = pickle.dumps((__version__, size, suffix, shown, options))
-    since = _settings_time(output / SETTINGS, hashlib.sha256(settings).hexdigest(), force)
+    since = _find_settings_time(output / SETTINGS_FILE, hashlib.sha256(settings).hexdigest(), force)
     # One renderer draws all that are not.
     start, failed, present = time.perf_counter(), 0, 0
     with (
-        progress_bar("Rendering", quiet) as show,
-        progress_notice(quiet),
+        show_progress_bar("Rendering", quiet) as show,
+        show_compile_progress(quiet),
         Renderer(size, quality=shown.effects.quality(), threads=threads) as renderer,
     ):
         show(0, len(names))
@@ -93,14 +93,14 @@ def render_folder(
                 show(done, len(names))
                 continue
             try:
-                for notice in _draw(file, place, renderer, shown, quiet, **options):
+                for notice in _draw_file(file, place, renderer, shown, quiet, **options):
                     warn(f"{name}: {notice}", quiet)
             except (click.Abort, BrokenPipeError):
                 raise
             except Exception as error:
                 raise_if_interrupted()
                 failed += 1
-                warn(f"left out {name}: {reason(error)}", quiet)
+                warn(f"left out {name}: {get_reason(error)}", quiet)
             show(done, len(names))
     if not quiet:
         seconds = time.perf_counter() - start
@@ -111,7 +111,7 @@ def render_folder(
         raise click.ClickException(f"{failed} of {len(names)} mesh files could not be drawn")
 
 
-def _settings_time(place: Path, settings: str, force: bool) -> int:
+def _find_settings_time(place: Path, settings: str, force: bool) -> int:
     """Return when pictures were first drawn with these settings, ns; with ``force``, now."""
     from rasterjit.io.atomic_write import atomic_file
 
@@ -143,8 +143,8 @@ def _make_folder(output: Path) -> None:
         ) from None
 
 
-def _draw(
-    file: Path, place: Path, renderer: Renderer, shown: Described, quiet: bool, **options: Any
+def _draw_file(
+    file: Path, place: Path, renderer: Renderer, shown: RenderOptions, quiet: bool, **options: Any
 ) -> list[str]:
     """Draw a file; return its warnings."""
     from rasterjit.io import images
@@ -155,7 +155,7 @@ def _draw(
     with warnings.catch_warnings():
         # Said of each file, as lines.
         warnings.simplefilter("ignore", ViewWarning)
-        made = in_style(scene, view.camera(scene, renderer.size), look, effects)
+        made = apply_style(scene, view.camera(scene, renderer.size), look, effects)
         drawn = made.options(renderer.size, **options)
         renderer.quality = drawn.pop("quality")
         frame = renderer.render(made.scene, **drawn)

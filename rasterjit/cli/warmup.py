@@ -10,14 +10,14 @@ from rasterjit.runtime import background_compile
 from rasterjit.runtime.background_compile import Task
 
 
-def first_tasks() -> list[Task]:
+def list_first_tasks() -> list[Task]:
     """Return tasks for the slowest kernels of every colour picture."""
     return background_compile.make_compile_tasks(
         (gather_samples.list_samples, barycentric_weights.find_weights)
     )
 
 
-def lacking() -> list[Task]:
+def list_missing() -> list[Task]:
     """Return tasks for every form of a kernel or stage that the store lacks."""
     return background_compile.make_compile_tasks(background_compile.find_every_kernel())
 
@@ -36,7 +36,7 @@ def compile_all(tell: Callable[[int, int], None]) -> None:
     Exception
         What could not be compiled.
     """
-    tasks = lacking()
+    tasks = list_missing()
     done = itertools.count(1)
     tell(0, len(tasks))
     failed = tasks

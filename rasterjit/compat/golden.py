@@ -57,7 +57,7 @@ class Golden:
 
     def __init__(self, request: pytest.FixtureRequest) -> None:
         self.folder = request.path.parent / FOLDER / request.path.stem
-        self._test = _file_name(request.node)
+        self._test = _make_file_name(request.node)
         self._node, self._config = request.node, request.config
         self._names: set[str] = set()
 
@@ -85,7 +85,10 @@ class Golden:
             raise ValueError(
                 f"picture must be a Frame or an array, got {array.dtype} {array.shape}"
             )
-        path = self.folder / f"{self._unique_name(name)}{'.png' if _is_picture(array) else '.npy'}"
+        path = (
+            self.folder
+            / f"{self._make_unique_name(name)}{'.png' if _is_picture(array) else '.npy'}"
+        )
         if self._config.getoption("golden_update"):
             self._record(path, array)
         elif not path.exists():
@@ -93,7 +96,7 @@ class Golden:
         else:
             self._compare(path, array)
 
-    def _unique_name(self, name: str | None) -> str:
+    def _make_unique_name(self, name: str | None) -> str:
         """Return the file name of a picture, without its suffix."""
         self._check_file_name()
         if name is None:
@@ -111,7 +114,7 @@ class Golden:
     def _check_file_name(self) -> None:
         """Raise ValueError if another collected test has the same file name."""
         for item in self._node.session.items:
-            same_file = item.path == self._node.path and _file_name(item) == self._test
+            same_file = item.path == self._node.path and _make_file_name(item) == self._test
             if same_file and item.nodeid != self._node.nodeid:
                 raise ValueError(
                     f"each test must have a file name of its own, but {item.nodeid} and "
@@ -121,7 +124,7 @@ class Golden:
 
     def _record(self, path: Path, array: NDArray[Any]) -> None:
         """Record a picture, if it differs from the recorded one."""
-        if path.exists() and _difference(_read(path), array) is None:
+        if path.exists() and _describe_difference(_read_picture(path), array) is None:
             return
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".png":
@@ -135,12 +138,12 @@ class Golden:
 
     def _compare(self, path: Path, array: NDArray[Any]) -> None:
         """Fail if a picture differs from the recorded one."""
-        recorded = _read(path)
-        difference = _difference(recorded, array)
+        recorded = _read_picture(path)
+        difference = _describe_difference(recorded, array)
         if difference is None:
             return
         lines = [difference, f"recorded: {path}"]
-        sheet = side_by_side(recorded, array)
+        sheet = draw_side_by_side(recorded, array)
         if sheet is not None:
             sheet_path = self._config.rootpath / FAILURES / f"{self.folder.name}-{path.stem}.png"
             sheet_path.parent.mkdir(exist_ok=True)
@@ -150,7 +153,7 @@ class Golden:
         pytest.fail("\n".join(lines), False)
 
 
-def _file_name(item: pytest.Item) -> str:
+def _make_file_name(item: pytest.Item) -> str:
     """Return the file name of a test: its class, too, and no two dashes in a row."""
     name = item.nodeid.split("::", 1)[-1]
     return re.sub(r"[^\w.]+", "-", name).strip("-")
@@ -163,7 +166,7 @@ def _is_picture(array: NDArray[Any]) -> bool:
     )
 
 
-def _read(path: Path) -> NDArray[Any]:
+def _read_picture(path: Path) -> NDArray[Any]:
     """Read a recorded picture."""
     if path.suffix == ".npy":
         return np.load(path)
@@ -171,7 +174,7 @@ def _read(path: Path) -> NDArray[Any]:
         return np.asarray(image)
 
 
-def _difference(recorded: NDArray[Any], drawn: NDArray[Any]) -> str | None:
+def _describe_difference(recorded: NDArray[Any], drawn: NDArray[Any]) -> str | None:
     """Describe how two pictures differ; None if all bits are the same."""
     if (recorded.shape, recorded.dtype) != (drawn.shape, drawn.dtype):
         return (
@@ -180,7 +183,7 @@ def _difference(recorded: NDArray[Any], drawn: NDArray[Any]) -> str | None:
         )
     if recorded.tobytes() == drawn.tobytes():
         return None
-    differs = _differs(recorded, drawn)
+    differs = _mark_differences(recorded, drawn)
     first = tuple(int(one) for one in np.argwhere(differs)[0])
     return (
         f"{np.count_nonzero(differs)} of {differs.size} pixels differ, the first at row, column "
@@ -188,7 +191,7 @@ def _difference(recorded: NDArray[Any], drawn: NDArray[Any]) -> str | None:
     )
 
 
-def _differs(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.bool_]:
+def _mark_differences(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.bool_]:
     """Return the mask of pixels that differ in a bit, (H, W); of other arrays, of elements."""
     size = recorded.dtype.itemsize
     shape = (*recorded.shape, size)
@@ -197,7 +200,7 @@ def _differs(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.bool_]:
     return differs.any(axis=tuple(range(min(2, recorded.ndim), differs.ndim)))
 
 
-def side_by_side(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.uint8] | None:
+def draw_side_by_side(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.uint8] | None:
     """
     Return the recorded picture, the drawn one and their difference, (H, W, 4) uint8.
 
@@ -211,7 +214,7 @@ def side_by_side(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.uint
     if recorded.shape == drawn.shape and recorded.dtype == drawn.dtype:
         changes = panels[0] // 4
         changes[..., 3] = 255
-        changes[_differs(recorded, drawn), :3] = DIFFERENCE_COLOR
+        changes[_mark_differences(recorded, drawn), :3] = DIFFERENCE_COLOR
         panels.append(changes)
     height = max(one.shape[0] for one in panels)
     columns = []

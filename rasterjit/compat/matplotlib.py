@@ -120,7 +120,7 @@ class SceneArtist(artist.Artist):
             )
         linear_color("background", background)
         self._up = None if up is None else transforms.unit_vector("up", up)
-        self._rotation = _rotation_to_z(self._up)
+        self._rotation = _make_rotation_to_z(self._up)
         self._camera, self._background = camera, background
         self._quality = Quality(samples=8) if quality is None else quality
         # What is wrong is said at once.
@@ -180,7 +180,7 @@ class SceneArtist(artist.Artist):
     def draw(self, renderer: RendererBase) -> None:
         """Draw the scene and the things it hides; if it is invisible, those alone, unhidden."""
         if not self.get_visible():
-            for _, draw in self._things():
+            for _, draw in self._list_hidden():
                 draw(renderer)
             return
         box = self.axes.get_window_extent(renderer)
@@ -190,7 +190,7 @@ class SceneArtist(artist.Artist):
         right, top = (math.ceil(side * scale - PIXEL_TOLERANCE) for side in (box.x1, box.y1))
         size = max(right - left, 1), max(top - bottom, 1)
         area = Bbox.from_bounds(left / scale, bottom / scale, size[0] / scale, size[1] / scale)
-        camera = self._axes_camera(area) if self._is_spatial else self._flat_camera(size)
+        camera = self._make_axes_camera(area) if self._is_spatial else self._make_flat_camera(size)
         frame = self._render(camera, size)
         context = renderer.new_gc()
         self._set_gc_clip(context)
@@ -200,14 +200,16 @@ class SceneArtist(artist.Artist):
         view = None
         if self._original_draws:
             view = _Projection(camera, self._rotation, frame, area, DEPTH_BIAS * self._ball.radius)
-        for thing, draw in self._things():
+        for thing, draw in self._list_hidden():
             if isinstance(thing, Line3D):
                 self._draw_line(renderer, thing, view)
             else:
                 _draw_points(renderer, thing, draw, view)
         self.stale = False
 
-    def _things(self) -> Iterator[tuple[Line3D | PathCollection, Callable[[RendererBase], None]]]:
+    def _list_hidden(
+        self,
+    ) -> Iterator[tuple[Line3D | PathCollection, Callable[[RendererBase], None]]]:
         """Yield the visible things that are drawn with the scene, and their draw functions."""
         for thing, draw in self._original_draws.items():
             if thing.get_visible() and thing.axes is self.axes:
@@ -226,13 +228,13 @@ class SceneArtist(artist.Artist):
             self._frames = {key: frame}
         return self._frames[key]
 
-    def _flat_camera(self, size: tuple[int, int]) -> Camera | None:
+    def _make_flat_camera(self, size: tuple[int, int]) -> Camera | None:
         """Return the camera of a picture in flat axes; None for the one that rendering chooses."""
         if self._camera is not None or self._up is None:
             return self._camera
         return fit_camera(self._ball, up=self._up, aspect=size[0] / size[1])
 
-    def _axes_camera(self, area: Bbox) -> MatrixCamera:
+    def _make_axes_camera(self, area: Bbox) -> MatrixCamera:
         """Return the camera that maps the world onto an area of the canvas as the axes do."""
         # Matplotlib's matrix leads to a plane that the data transform takes to the canvas.
         projection = np.asarray(self.axes.get_proj(), dtype=np.float64) @ self._rotation
@@ -245,11 +247,11 @@ class SceneArtist(artist.Artist):
             + np.outer(ndc[0], projection[3])
         )
         clip[3] = projection[3]
-        clip[2] = self._depth_row(projection)
-        view = _view_matrix(clip, self._ball.center, self._rotation[2, :3])
+        clip[2] = self._make_depth_row(projection)
+        view = _make_view_matrix(clip, self._ball.center, self._rotation[2, :3])
         return MatrixCamera(view, clip @ transforms.inverse(view))
 
-    def _depth_row(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _make_depth_row(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the row of clip z: from -1 before everything to 1 behind it."""
         is_parallel = not projection[3, :3].any()
         # What grows with the distance: w of a perspective, z of a parallel projection.
@@ -269,7 +271,7 @@ class SceneArtist(artist.Artist):
         points = np.stack(np.broadcast_arrays(*line.get_data_3d()), axis=-1).astype(np.float64)
         is_visible = view.is_visible(points)
         marks = view.project(points)[is_visible]
-        for positions, hidden in ((view.visible_pieces(points), "marker"), (marks, "linestyle")):
+        for positions, hidden in ((view.cut_to_visible(points), "marker"), (marks, "linestyle")):
             piece = Line2D(*positions.T)
             piece.update_from(line)
             piece.set(transform=IdentityTransform(), figure=self.figure, **{hidden: "None"})
@@ -304,7 +306,7 @@ class _Projection(NamedTuple):
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Project points, (V, 3), to the canvas, (V, 2), its units; NaN behind the eye."""
-        clip = self._clip(points)
+        clip = self._to_clip_space(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             ndc = np.where(clip[:, 3:] > 0.0, clip[:, :2] / clip[:, 3:], np.nan)
         return self.area.min + 0.5 * (ndc + 1.0) * (self.area.width, self.area.height)
@@ -318,10 +320,10 @@ class _Projection(NamedTuple):
             inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
         visible = np.zeros(len(points), dtype=bool)
         surfaces = self.frame.depth[rows[inside].astype(int), columns[inside].astype(int)]
-        visible[inside] = self._depths(points[inside]) <= surfaces + self.bias
+        visible[inside] = self._compute_depths(points[inside]) <= surfaces + self.bias
         return visible
 
-    def visible_pieces(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def cut_to_visible(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the visible pieces of a polyline on the canvas, (V, 2), with NaN between them."""
         if len(points) < 2:
             return np.empty((0, 2))
@@ -340,22 +342,22 @@ class _Projection(NamedTuple):
         result[~self.is_visible(samples)] = np.nan
         return result
 
-    def _clip(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _to_clip_space(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points to clip space, (V, 4)."""
         world_from_axes = self.rotation.T
         matrix = self.camera.clip_from_view @ self.camera.view_from_world @ world_from_axes
         return points @ matrix[:, :3].T + matrix[:, 3]
 
-    def _depths(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _compute_depths(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the depths of points as `Frame.depth` counts them."""
         c0, c1, c2 = self.camera.depth_coefficients()
-        clip = self._clip(points)
+        clip = self._to_clip_space(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             stored = (c0 + c1 * clip[:, 2] + c2 * clip[:, 3]) / clip[:, 3]
         return self.camera.view_depth(stored)
 
 
-def _rotation_to_z(up: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def _make_rotation_to_z(up: NDArray[np.float64] | None) -> NDArray[np.float64]:
     """Return the smallest rotation from a direction to z; the identity for None."""
     if up is None:
         return np.eye(4)
@@ -365,7 +367,7 @@ def _rotation_to_z(up: NDArray[np.float64] | None) -> NDArray[np.float64]:
     return transforms.rotate(axis, math.degrees(math.acos(max(-1.0, min(1.0, up[2])))))
 
 
-def _view_matrix(
+def _make_view_matrix(
     clip_from_world: NDArray[np.float64], center: ArrayLike, up: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return a ``view_from_world`` for a clip matrix: it tells where a headlight is."""

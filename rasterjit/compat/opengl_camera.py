@@ -12,19 +12,19 @@ from rasterjit.scene.camera import MatrixCamera
 Float64 = NDArray[np.float64]
 
 
-def matrix_camera(view: Float64, clip: Float64) -> MatrixCamera:
+def make_matrix_camera(view: Float64, clip: Float64) -> MatrixCamera:
     """Return a camera of two matrices, (4, 4); for those of late the one that was made then."""
-    return _known_camera(view.tobytes(), clip.tobytes())
+    return _make_cached_camera(view.tobytes(), clip.tobytes())
 
 
 @functools.lru_cache(maxsize=64)
-def _known_camera(view: bytes, clip: bytes) -> MatrixCamera:
+def _make_cached_camera(view: bytes, clip: bytes) -> MatrixCamera:
     """Return a camera, given the numbers of its matrices."""
     own, projection = (np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))
     return MatrixCamera(own, projection)
 
 
-def upside_down(camera: MatrixCamera) -> MatrixCamera:
+def flip_rows(camera: MatrixCamera) -> MatrixCamera:
     """
     Return a camera whose first row of pixels is the lowest, as OpenGL's is.
 
@@ -32,4 +32,4 @@ def upside_down(camera: MatrixCamera) -> MatrixCamera:
     """
     clip = camera.clip_from_view.copy()
     clip[1] = -clip[1]
-    return matrix_camera(camera.view_from_world, clip)
+    return make_matrix_camera(camera.view_from_world, clip)

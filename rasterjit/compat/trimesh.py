@@ -48,10 +48,16 @@ from rasterjit.viewer.show import show as show_scene
 
 __all__ = ["install", "save_image", "show"]
 
-FLAGS = {"cull": True, "wireframe": False, "axis": False, "grid": False, "fullscreen": False}
+DEFAULT_FLAGS = {
+    "cull": True,
+    "wireframe": False,
+    "axis": False,
+    "grid": False,
+    "fullscreen": False,
+}
 """Names of flags, with their defaults."""
 
-AXES = ("world", "all", "without_world")
+AXIS_CHOICES = ("world", "all", "without_world")
 """Where the flag ``axis`` puts axes: at the world's origin, there and at all frames, at frames."""
 
 DEFAULT_COLOR = trimesh.visual.color.DEFAULT_COLOR
@@ -102,7 +108,8 @@ def save_image(scene: trimesh.Scene, resolution: ArrayLike | None = None, **opti
         Once, naming what of the scene is not drawn.
     """
     frame = render(
-        **_view(scene, resolution, **options), quality=Quality(samples=4, blending="srgb8")
+        **_make_render_arguments(scene, resolution, **options),
+        quality=Quality(samples=4, blending="srgb8"),
     )
     return iio.imwrite("<bytes>", frame.color, extension=".png")
 
@@ -129,10 +136,12 @@ def show(scene: trimesh.Scene, viewer: Any = None, **options: Any) -> Any:
         return viewer(scene, **options)
     one_of("viewer", viewer or "gl", ("gl", "jupyter", "marimo"))
     title = options.get("caption") or "RasterJIT"
-    return show_scene(**_view(scene, options.pop("resolution", None), **options), title=title)
+    return show_scene(
+        **_make_render_arguments(scene, options.pop("resolution", None), **options), title=title
+    )
 
 
-def _view(
+def _make_render_arguments(
     scene: trimesh.Scene, resolution: ArrayLike | None, background: Any = None,
     smooth: bool = True, flags: Mapping[str, Any] | None = None,
     line_settings: Mapping[str, float] | None = None, **window: Any,
@@ -142,19 +151,19 @@ def _view(
         one_of("option", name, (*OPTIONS, *WINDOW_OPTIONS))
     wanted = scene.camera.resolution if resolution is None else resolution
     size = image_size("resolution", wanted.tolist() if isinstance(wanted, np.ndarray) else wanted)
-    switches = _mapping("flags", flags, FLAGS)
+    switches = _merge_options("flags", flags, DEFAULT_FLAGS)
     for name in ("cull", "wireframe", "grid", "fullscreen"):
         boolean(f"flags[{name!r}]", switches[name])
     # OpenGL draws nothing thinner than a pixel.
     widths = {"point_size": max(1.0, max(size) / 200), "line_width": max(1.0, max(size) / 400)}
     drawn = from_trimesh(scene)
-    for name, width in _mapping("line_settings", line_settings, widths).items():
+    for name, width in _merge_options("line_settings", line_settings, widths).items():
         widths[name] = positive_number(f"line_settings[{name!r}]", width)
-    _set_looks(drawn, boolean("smooth", smooth), **widths)
-    _add_guides(drawn, scene, switches)
+    _set_appearance(drawn, boolean("smooth", smooth), **widths)
+    _add_helpers(drawn, scene, switches)
     if switches["wireframe"]:
         drawn.wireframe = Wireframe(DEFAULT_COLOR, "only")
-    color = "white" if background is None else _color("background", background)
+    color = "white" if background is None else _check_color("background", background)
     scene.camera.resolution = size
     pose = np.asarray(scene.camera_transform, dtype=np.float64)
     return {
@@ -165,7 +174,7 @@ def _view(
     }  # fmt: skip
 
 
-def _mapping(
+def _merge_options(
     name: str, given: Mapping[str, Any] | None, defaults: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the defaults with what is given; raise if it is no mapping of their keys."""
@@ -176,7 +185,7 @@ def _mapping(
     return {**defaults, **(given or {})}
 
 
-def _color(name: str, value: Any) -> NDArray[np.uint8]:
+def _check_color(name: str, value: Any) -> NDArray[np.uint8]:
     """Return a colour as trimesh reads it, (4,) codes, or raise ``ValueError``."""
     try:
         color = np.asarray(trimesh.visual.to_rgba(value))
@@ -189,7 +198,7 @@ def _color(name: str, value: Any) -> NDArray[np.uint8]:
     return color
 
 
-def _set_looks(scene: Scene, smooth: bool, point_size: float, line_width: float) -> None:
+def _set_appearance(scene: Scene, smooth: bool, point_size: float, line_width: float) -> None:
     """Set widths, flat shading, the grey of meshes without a colour, and blending by alpha."""
     for mesh in {id(node.mesh): node.mesh for node in scene.every_node()}.values():
         if isinstance(mesh, Points):
@@ -207,11 +216,11 @@ def _set_looks(scene: Scene, smooth: bool, point_size: float, line_width: float)
             mesh.material = material if smooth else replace(material, shading="flat")
 
 
-def _add_guides(drawn: Scene, scene: trimesh.Scene, flags: Mapping[str, Any]) -> None:
+def _add_helpers(drawn: Scene, scene: trimesh.Scene, flags: Mapping[str, Any]) -> None:
     """Add the axes and the grid that flags ask for, of trimesh's sizes."""
     where = flags["axis"]
     if not isinstance(where, bool):
-        one_of("flags['axis']", where, AXES)
+        one_of("flags['axis']", where, AXIS_CHOICES)
     poses: list[NDArray[Any]] = []
     if where in (True, "world", "all"):
         poses.append(np.eye(4))

@@ -27,7 +27,7 @@ from rasterjit.distributed.clusters import (
     count_threads,
 )
 from rasterjit.io.atomic_write import atomic_file, atomic_folder
-from rasterjit.io.images import checked_path
+from rasterjit.io.images import check_save_path
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.output_table import Outputs
 from rasterjit.pipeline.visibility.visibility_pass import Region
@@ -441,8 +441,8 @@ def _check_path(path: Any) -> Path:
         if os.path.lexists(target) and not _is_zarr_array(target):
             raise ValueError(f"path {str(target)!r} is there, but is no Zarr array to be replaced")
         absent = target.with_name(f"{target.name}.zarr")
-        return checked_path(absent, PICTURE_FORMATS).with_name(target.name)
-    return checked_path(path, PICTURE_FORMATS)
+        return check_save_path(absent, PICTURE_FORMATS).with_name(target.name)
+    return check_save_path(path, PICTURE_FORMATS)
 
 
 def _is_zarr_array(target: Path) -> bool:

@@ -25,15 +25,15 @@ from rasterjit.runtime.locks import lock, machine_names
 PREFIX = ".rasterjit-part-"
 """Beginning of the names of temporary files; the names of the machine follow."""
 
-BACKUP = "-was"
+BACKUP_SUFFIX = "-was"
 """End of the name of a folder that holds what is about to be replaced."""
 
-PATTERN = re.compile(
+TEMPORARY_NAME = re.compile(
     rf"{re.escape(PREFIX)}([0-9a-f]{{8}})-([0-9a-f]{{8}})-[0-9a-f]{{32}}(.*)", re.S
 )
 """Host, system and end of the name of a temporary file."""
 
-UNLOCKED = ("0" * 8, "0" * 8)
+UNLOCKED_NAMES = ("0" * 8, "0" * 8)
 """Stands for the names of the machine in the name of a file that is written without a lock."""
 
 MAX_ATTEMPTS = 10
@@ -85,7 +85,9 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         yield temporary
         with _name_target_in_errors(path):
             if os.path.lexists(path):
-                aside = temporary.with_name(temporary.name.removesuffix(path.suffix) + BACKUP)
+                aside = temporary.with_name(
+                    temporary.name.removesuffix(path.suffix) + BACKUP_SUFFIX
+                )
                 os.mkdir(aside)
                 stack.callback(_restore, aside)
                 os.rename(path, aside / path.name)
@@ -112,7 +114,7 @@ def _name_target_in_errors(path: Path) -> Iterator[None]:
         raise
 
 
-def _temporary_path(path: Path, end: str, names: tuple[str, str] | None = None) -> Path:
+def _make_temporary_path(path: Path, end: str, names: tuple[str, str] | None = None) -> Path:
     """Return a new temporary name beside a path, with the names of this machine by default."""
     host, system = names or machine_names()
     return path.with_name(f"{PREFIX}{host}-{system}-{uuid.uuid4().hex}{end}")
@@ -126,7 +128,7 @@ def _create_temporary(path: Path, stack: ExitStack, make: Callable[[Path], None]
     """Create and lock a temporary file or folder; the stack removes it when it is left."""
     for _ in range(MAX_ATTEMPTS):
         with ExitStack() as attempt:
-            temporary = _temporary_path(path, path.suffix)
+            temporary = _make_temporary_path(path, path.suffix)
             attempt.callback(_remove, temporary)
             make(temporary)
             # One that is not held yet may be taken for nobody's, and removed.
@@ -136,7 +138,7 @@ def _create_temporary(path: Path, stack: ExitStack, make: Callable[[Path], None]
                 break
             stack.enter_context(attempt.pop_all())
             return temporary
-    temporary = _temporary_path(path, path.suffix, UNLOCKED)
+    temporary = _make_temporary_path(path, path.suffix, UNLOCKED_NAMES)
     stack.callback(_remove, temporary)
     make(temporary)
     return temporary
@@ -172,16 +174,16 @@ def remove_stale_files(folder: Path) -> None:
     """Remove, once in a process, the temporary files that killed processes left in a folder."""
     with suppress(OSError):
         for name in os.listdir(folder):
-            if match := PATTERN.fullmatch(name):
+            if match := TEMPORARY_NAME.fullmatch(name):
                 with suppress(OSError, ValueError):
                     _remove_if_stale(folder / name, *match.groups())
 
 
 def _remove_if_stale(path: Path, host: str, system: str, end: str) -> None:
     """Remove a temporary file or folder that no process locks; restore a backup."""
-    if end == BACKUP:
+    if end == BACKUP_SUFFIX:
         _restore_if_stale(path)
-    elif not USES_LOCKS or (host, system) == UNLOCKED:
+    elif not USES_LOCKS or (host, system) == UNLOCKED_NAMES:
         if _is_old(path):
             _remove(path)
     elif held := lock(path):
@@ -200,9 +202,13 @@ def _is_old(path: Path) -> bool:
 
 def _restore_if_stale(aside: Path) -> None:
     """Restore a backup, unless the process that made it may still run."""
-    begin = aside.name.removesuffix(BACKUP)
+    begin = aside.name.removesuffix(BACKUP_SUFFIX)
     for name in os.listdir(aside.parent):
-        if name.startswith(begin) and name != aside.name and (match := PATTERN.fullmatch(name)):
+        if (
+            name.startswith(begin)
+            and name != aside.name
+            and (match := TEMPORARY_NAME.fullmatch(name))
+        ):
             # Who still writes what shall replace it goes on with both.
             _remove_if_stale(aside.parent / name, *match.groups())
             if os.path.lexists(aside.parent / name):

@@ -25,7 +25,7 @@ _MAX_HEADER_BYTES = 1 << 16
 _MAX_SIDE = 4096
 """Most voxels along an axis of the grid."""
 
-_VOXEL_BYTES, _FACE_BYTES = 5, 1500
+_MEMORY_PER_VOXEL, _MEMORY_PER_FACE = 5, 1500
 """Memory of a voxel, and of one of its faces as two triangles of a mesh."""
 
 _HEADER_KEYS = {"#binvox", "dim", "translate", "scale"}
@@ -53,12 +53,14 @@ def load_binvox(path: Path, resources: Resources, left_out: LeftOut) -> Scene:
     try:
         content = resources.read_mesh_file(path)
         filled, scale, translate = read_voxels(content, resources.budget, left_out)
-        resources.budget.take("the sides of its voxels", count_exposed_faces(filled) * _FACE_BYTES)
+        resources.budget.take(
+            "the sides of its voxels", count_exposed_faces(filled) * _MEMORY_PER_FACE
+        )
     except (OSError, ValueError) as error:
         raise MeshFileError(f"{path} could not be read as .binvox: {reason_of(error)}") from error
     if not filled.any():
         raise MeshFileError(f"{path} holds {filled.size} voxels, no full one, so no faces")
-    corners, faces = voxel_faces(filled)
+    corners, faces = list_voxel_faces(filled)
     scene = Scene()
     try:
         # All axes have the scale of the longest: that of the file is the side of the whole grid.
@@ -86,15 +88,15 @@ def read_voxels(
     ValueError
         If the header is none of binvox, or the voxels are fewer or more than it says.
     """
-    words, start = _header(content)
+    words, start = _read_header(content)
     for key in words.keys() - _HEADER_KEYS:
         left_out.note(f"line {key[:MAX_NAME_LENGTH]!r} of its head")
-    shape = _numbers(words, "dim", 3, None)
+    shape = _parse_numbers(words, "dim", 3, None)
     if any(side != int(side) or not 1 <= side <= _MAX_SIDE for side in shape):
         raise ValueError(f"dim must be three whole numbers in 1..{_MAX_SIDE}, got {shape}")
     depth, height, width = map(int, shape)
-    translate = np.array(_numbers(words, "translate", 3, [0.0, 0.0, 0.0]))
-    (scale,) = _numbers(words, "scale", 1, [1.0])
+    translate = np.array(_parse_numbers(words, "translate", 3, [0.0, 0.0, 0.0]))
+    (scale,) = _parse_numbers(words, "scale", 1, [1.0])
     if not scale > 0.0:
         raise ValueError(f"scale must be above 0, got {scale!r}")
     pairs = np.frombuffer(content, np.uint8, offset=start)
@@ -102,13 +104,13 @@ def read_voxels(
     total, expected = int(counts.sum(dtype=np.int64)), depth * height * width
     if total != expected or len(pairs) % 2:
         raise ValueError(f"dim says {expected} voxels, but the file holds {total}")
-    budget.take(f"a grid of {expected} voxels", expected * _VOXEL_BYTES)
+    budget.take(f"a grid of {expected} voxels", expected * _MEMORY_PER_VOXEL)
     # y runs fastest, then z, then x.
     filled = np.repeat(values != 0, counts).reshape(depth, height, width)
     return filled.transpose(0, 2, 1), scale, translate
 
 
-def _header(content: bytes) -> tuple[dict[str, list[str]], int]:
+def _read_header(content: bytes) -> tuple[dict[str, list[str]], int]:
     """Return the words after each key of the header, and where the voxels begin."""
     words: dict[str, list[str]] = {}
     at = 0
@@ -125,7 +127,7 @@ def _header(content: bytes) -> tuple[dict[str, list[str]], int]:
     raise ValueError("its header ends without the word data")
 
 
-def _numbers(
+def _parse_numbers(
     words: dict[str, list[str]], key: str, count: int, default: list[float] | None
 ) -> list[float]:
     """Return the finite numbers after a key, or raise ``ValueError``."""
@@ -144,10 +146,12 @@ def _numbers(
 def count_exposed_faces(filled: NDArray[np.bool_]) -> int:
     """Count the faces of filled voxels towards empty ones."""
     # A row of full voxels has two ends, so there are as many upper sides as lower ones.
-    return 2 * sum(int(np.count_nonzero(_exposed_faces(filled, axis, True))) for axis in range(3))
+    return 2 * sum(
+        int(np.count_nonzero(_mark_exposed_faces(filled, axis, True))) for axis in range(3)
+    )
 
 
-def _exposed_faces(filled: NDArray[np.bool_], axis: int, is_upper: bool) -> NDArray[np.bool_]:
+def _mark_exposed_faces(filled: NDArray[np.bool_], axis: int, is_upper: bool) -> NDArray[np.bool_]:
     """Mark the filled voxels, (X, Y, Z), whose neighbour along an axis is empty."""
     next_filled = np.zeros_like(filled)
     inner, outer = [slice(None)] * 3, [slice(None)] * 3
@@ -159,7 +163,7 @@ def _exposed_faces(filled: NDArray[np.bool_], axis: int, is_upper: bool) -> NDAr
     return filled & ~next_filled
 
 
-def voxel_faces(filled: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def list_voxel_faces(filled: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
     Return the faces of filled voxels towards empty ones as triangles, outside to the front.
 
@@ -177,7 +181,7 @@ def voxel_faces(filled: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[n
     for axis in range(3):
         across, up = (axis + 1) % 3, (axis + 2) % 3
         for is_upper in (False, True):
-            at = np.argwhere(_exposed_faces(filled, axis, is_upper))
+            at = np.argwhere(_mark_exposed_faces(filled, axis, is_upper))
             square = np.repeat(at[:, np.newaxis], 4, axis=1)
             steps = _SQUARE_CORNERS if is_upper else _SQUARE_CORNERS[::-1]
             square[:, :, across] += steps[:, 0]

@@ -100,7 +100,7 @@ class OpenCVCamera(NamedTuple):
     @property
     def camera_from_world(self) -> Matrix:
         """(4, 4): R and t in one matrix."""
-        return _affine(self.rotation, self.translation)
+        return _make_affine(self.rotation, self.translation)
 
 
 class OpenGLCamera(NamedTuple):
@@ -193,7 +193,7 @@ def view_from_pose(pose: ArrayLike, name: str = "pose") -> Matrix:
         raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {matrix[3].tolist()}")
     axes = np.stack([transforms.unit_vector(name, matrix[:3, k]) for k in range(3)], axis=1)
     _check_rotation(name, axes)
-    return _inverse(_affine(axes, matrix[:3, 3]))
+    return _invert_affine(_make_affine(axes, matrix[:3, 3]))
 
 
 def intrinsic_matrix(name: str, value: ArrayLike) -> Float64:
@@ -245,14 +245,14 @@ def from_opencv(
     if camera_from_world is not None:
         if rotation is not None or translation is not None:
             raise ValueError("camera_from_world must be None where rotation or translation is not")
-        pose = _extrinsic("camera_from_world", camera_from_world)
+        pose = _check_extrinsic("camera_from_world", camera_from_world)
     else:
-        pose = _rigid_pose(
+        pose = _make_rigid_pose(
             ("rotation", np.eye(3) if rotation is None else rotation),
             ("translation", np.zeros(3) if translation is None else translation),
         )
     pinhole = _Pinhole(k[0, 0], k[1, 1], k[0, 1], k[0, 2] + 0.5, k[1, 2] + 0.5, near, far)
-    return _matrix_camera(pinhole, size, transforms.compose(_axis_flip("opencv"), pose))
+    return _make_camera(pinhole, size, transforms.compose(_make_axis_flip("opencv"), pose))
 
 
 def to_opencv(camera: Camera, size: tuple[int, int]) -> OpenCVCamera:
@@ -270,8 +270,8 @@ def to_opencv(camera: Camera, size: tuple[int, int]) -> OpenCVCamera:
     ValueError
         If the camera is no pinhole (a parallel or an oblique projection), or its view scales.
     """
-    pinhole = _pinhole_of(camera, size)
-    pose = transforms.compose(_axis_flip("opencv"), _rigid_view(camera))
+    pinhole = _get_pinhole(camera, size)
+    pose = transforms.compose(_make_axis_flip("opencv"), _get_rigid_view(camera))
     k = [[pinhole.fx, pinhole.skew, pinhole.cx - 0.5], [0.0, pinhole.fy, pinhole.cy - 0.5]]
     return OpenCVCamera(np.array([*k, [0.0, 0.0, 1.0]]), pose[:3, :3].copy(), pose[:3, 3].copy())
 
@@ -363,9 +363,9 @@ def from_pytorch3d(
     """
     width, height = image_size("size", size)
     one_of("space", space, SCREEN_SPACES)
-    rotation, shift = _without_batch("R", R, 2), _without_batch("T", T, 1)
+    rotation, shift = _drop_batch_axis("R", R, 2), _drop_batch_axis("T", T, 1)
     matrix = finite_array("R", rotation, (3, 3))
-    focal = np.ravel(_without_batch("focal_length", focal_length, 1))
+    focal = np.ravel(_drop_batch_axis("focal_length", focal_length, 1))
     fx, fy = finite_array("focal_length", np.repeat(focal, 2) if len(focal) == 1 else focal, (2,))
     if fx <= 0.0 or fy <= 0.0:
         raise ValueError(f"focal_length must be above 0, got {focal.tolist()}")
@@ -373,12 +373,12 @@ def from_pytorch3d(
     cx, cy = width / 2.0, height / 2.0
     if principal_point is not None:
         x, y = finite_array(
-            "principal_point", _without_batch("principal_point", principal_point, 1), (2,)
+            "principal_point", _drop_batch_axis("principal_point", principal_point, 1), (2,)
         )
         cx, cy = (cx - x * unit, cy - y * unit) if space == "ndc" else (x, y)
-    pose = _rigid_pose(("R", matrix.T), ("T", shift))
+    pose = _make_rigid_pose(("R", matrix.T), ("T", shift))
     pinhole = _Pinhole(fx * unit, fy * unit, 0.0, cx, cy, near, far)
-    return _matrix_camera(pinhole, size, transforms.compose(_axis_flip("pytorch3d"), pose))
+    return _make_camera(pinhole, size, transforms.compose(_make_axis_flip("pytorch3d"), pose))
 
 
 def to_pytorch3d(
@@ -402,8 +402,8 @@ def to_pytorch3d(
     """
     width, height = image_size("size", size)
     one_of("space", space, SCREEN_SPACES)
-    pinhole = _check_no_skew(_pinhole_of(camera, size))
-    pose = transforms.compose(_axis_flip("pytorch3d"), _rigid_view(camera))
+    pinhole = _check_no_skew(_get_pinhole(camera, size))
+    pose = transforms.compose(_make_axis_flip("pytorch3d"), _get_rigid_view(camera))
     focal, point = np.array([pinhole.fx, pinhole.fy]), np.array([pinhole.cx, pinhole.cy])
     if space == "ndc":
         unit = min(width, height) / 2.0
@@ -492,7 +492,7 @@ def from_blender(
         focal = positive_number("lens", 50.0 if lens is None else lens) * side / sensor
     cx, cy = width / 2.0 - right * side, height / 2.0 + up * side
     pinhole = _Pinhole(focal, focal, 0.0, cx, cy, clip_start, clip_end)
-    return _matrix_camera(pinhole, size, view)
+    return _make_camera(pinhole, size, view)
 
 
 def to_blender(camera: Camera, size: tuple[int, int], sensor_width: float = 36.0) -> BlenderCamera:
@@ -514,16 +514,16 @@ def to_blender(camera: Camera, size: tuple[int, int], sensor_width: float = 36.0
     """
     width, height = image_size("size", size)
     sensor = positive_number("sensor_width", sensor_width)
-    view = _rigid_view(camera)
+    view = _get_rigid_view(camera)
     clip = camera.projection_matrix((width, height))
-    pose = _inverse(view)
+    pose = _invert_affine(view)
     if not clip[3, :3].any():
-        x, y, near, far = _orthographic_parameters(clip)
+        x, y, near, far = _get_orthographic_parameters(clip)
         extent = 2.0 / x[0]
         _check_square_pixels("the scale of x and y", extent / width, 2.0 / y[0] / height)
         shifts = -x[1] / 2.0, -y[1] / y[0] / extent
         return BlenderCamera(pose, "ORTHO", 50.0, sensor, "HORIZONTAL", *shifts, extent, near, far)
-    pinhole = _check_no_skew(_pinhole_of(camera, size))
+    pinhole = _check_no_skew(_get_pinhole(camera, size))
     _check_square_pixels("the focal lengths", pinhole.fx, pinhole.fy)
     shifts = (width / 2.0 - pinhole.cx) / width, (pinhole.cy - height / 2.0) / width
     lens = pinhole.fx * sensor / width
@@ -564,13 +564,13 @@ def from_trimesh(camera: trimesh.scene.Camera, transform: ArrayLike) -> MatrixCa
     ValueError
         Naming the argument that is wrong.
     """
-    pinhole, size = _trimesh_pinhole(camera)
-    return _matrix_camera(pinhole, size, view_from_pose(transform, "transform"))
+    pinhole, size = _read_trimesh_camera(camera)
+    return _make_camera(pinhole, size, view_from_pose(transform, "transform"))
 
 
 def perspective_from_trimesh(camera: trimesh.scene.Camera, pose: Matrix) -> PerspectiveCamera:
     """Return the camera of a trimesh scene for images of any size, or raise ``ValueError``."""
-    pinhole, _ = _trimesh_pinhole(camera)
+    pinhole, _ = _read_trimesh_camera(camera)
     pose = finite_array("pose", pose, (4, 4))
     eye, shape = pose[:3, 3], pinhole.fy / pinhole.fx
     return PerspectiveCamera(
@@ -579,7 +579,7 @@ def perspective_from_trimesh(camera: trimesh.scene.Camera, pose: Matrix) -> Pers
     )  # fmt: skip
 
 
-def _trimesh_pinhole(camera: Any) -> tuple[_Pinhole, tuple[int, int]]:
+def _read_trimesh_camera(camera: Any) -> tuple[_Pinhole, tuple[int, int]]:
     """Return a camera of trimesh as a pinhole, and its resolution, or raise ``ValueError``."""
     try:
         fx, fy = (float(length) for length in camera.focal)
@@ -614,7 +614,7 @@ def to_trimesh(camera: Camera, size: tuple[int, int]) -> TrimeshCamera:
     from trimesh.scene import Camera as SceneCamera
 
     width, height = image_size("size", size)
-    pinhole = _check_no_skew(_pinhole_of(camera, size))
+    pinhole = _check_no_skew(_get_pinhole(camera, size))
     for axis, value, middle in (("x", pinhole.cx, width / 2.0), ("y", pinhole.cy, height / 2.0)):
         if abs(value - middle) > _RELATIVE_TOLERANCE * middle:
             raise ValueError(
@@ -625,7 +625,7 @@ def to_trimesh(camera: Camera, size: tuple[int, int]) -> TrimeshCamera:
         resolution=(width, height), focal=(pinhole.fx, pinhole.fy), z_near=pinhole.near,
         z_far=pinhole.far,
     )  # fmt: skip
-    return TrimeshCamera(trimesh_camera, _inverse(_rigid_view(camera)))
+    return TrimeshCamera(trimesh_camera, _invert_affine(_get_rigid_view(camera)))
 
 
 def _check_near_far(names: tuple[str, str], near: float, far: float) -> None:
@@ -641,7 +641,7 @@ def _check_near_far(names: tuple[str, str], near: float, far: float) -> None:
         raise ValueError(f"{names[1]} must be above {names[0]} = {start!r}, got {end!r}")
 
 
-def _matrix_camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCamera:
+def _make_camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCamera:
     """Return the camera of a pinhole, for an image of (width, height) pixels."""
     width, height = image_size("size", size)
     fx, fy = (positive_number("focal length", one) for one in (pinhole.fx, pinhole.fy))
@@ -656,7 +656,7 @@ def _matrix_camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> Ma
     return MatrixCamera(view, clip + 0.0, (width, height), pinhole.near is None)
 
 
-def _pinhole_of(camera: Camera, size: tuple[int, int]) -> _Pinhole:
+def _get_pinhole(camera: Camera, size: tuple[int, int]) -> _Pinhole:
     """Return a perspective camera as a pinhole, or raise ``ValueError``."""
     check_camera("camera", camera)
     width, height = image_size("size", size)
@@ -680,7 +680,7 @@ def _pinhole_of(camera: Camera, size: tuple[int, int]) -> _Pinhole:
     )
 
 
-def _orthographic_parameters(
+def _get_orthographic_parameters(
     clip: Matrix,
 ) -> tuple[tuple[float, float], tuple[float, float], float, float]:
     """Return scale and offset of x and of y, near and far of a parallel view, or raise."""
@@ -692,7 +692,7 @@ def _orthographic_parameters(
     return (clip[0, 0], clip[0, 3]), (clip[1, 1], clip[1, 3]), near, far
 
 
-def _rigid_view(camera: Camera) -> Matrix:
+def _get_rigid_view(camera: Camera) -> Matrix:
     """Return a camera's view if it only turns and moves, or raise ``ValueError``."""
     check_camera("camera", camera)
     view = camera.view_matrix()
@@ -700,23 +700,23 @@ def _rigid_view(camera: Camera) -> Matrix:
     return view
 
 
-def _extrinsic(name: str, value: ArrayLike) -> Matrix:
+def _check_extrinsic(name: str, value: ArrayLike) -> Matrix:
     """Return a (3, 4) or (4, 4) pose as (4, 4), or raise ``ValueError``."""
     array = unmasked_array(name, value)
     rows = finite_array(name, array, (3, 4) if array.shape == (3, 4) else (4, 4))
     if len(rows) == 4 and rows[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {rows[3].tolist()}")
     _check_rotation(name, rows[:3, :3])
-    return _affine(rows[:3, :3], rows[:3, 3])
+    return _make_affine(rows[:3, :3], rows[:3, 3])
 
 
-def _rigid_pose(rotation: tuple[str, ArrayLike], translation: tuple[str, ArrayLike]) -> Matrix:
+def _make_rigid_pose(rotation: tuple[str, ArrayLike], translation: tuple[str, ArrayLike]) -> Matrix:
     """Return a pose from a rotation and a translation, each with its name."""
     matrix = finite_array(*rotation, (3, 3))
     _check_rotation(rotation[0], matrix)
     shift = unmasked_array(translation[0], translation[1])
     shift = shift[:, 0] if shift.shape == (3, 1) else shift
-    return _affine(matrix, finite_array(translation[0], shift, (3,)))
+    return _make_affine(matrix, finite_array(translation[0], shift, (3,)))
 
 
 def _check_rotation(name: str, matrix: Float64) -> None:
@@ -730,20 +730,20 @@ def _check_rotation(name: str, matrix: Float64) -> None:
         )
 
 
-def _inverse(pose: Matrix) -> Matrix:
+def _invert_affine(pose: Matrix) -> Matrix:
     """Return the inverse of an affine matrix."""
-    inverse = _affine(transforms.normal_matrix(pose).T, np.zeros(3))
+    inverse = _make_affine(transforms.normal_matrix(pose).T, np.zeros(3))
     return transforms.compose(inverse, transforms.translate(-pose[:3, 3])) + 0.0
 
 
-def _affine(linear: Float64, shift: Float64) -> Matrix:
+def _make_affine(linear: Float64, shift: Float64) -> Matrix:
     """Return the (4, 4) matrix of a linear part and a translation."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = linear, shift
     return matrix
 
 
-def _axis_flip(convention: str) -> Matrix:
+def _make_axis_flip(convention: str) -> Matrix:
     """Return the matrix between our view axes and another camera's, its own inverse."""
     return np.diag([*_AXIS_SIGNS[convention], 1.0])
 
@@ -761,7 +761,7 @@ def _check_square_pixels(what: str, one: float, other: float) -> None:
         raise ValueError(f"camera must have square pixels, got {what} {one!r} and {other!r}")
 
 
-def _without_batch(name: str, value: Any, dimensions: int) -> NDArray[Any]:
+def _drop_batch_axis(name: str, value: Any, dimensions: int) -> NDArray[Any]:
     """Return an array, or a tensor's, without a leading axis of length 1."""
     array = unmasked_array(name, value)
     return array[0] if array.ndim == dimensions + 1 and len(array) == 1 else array

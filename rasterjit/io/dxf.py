@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Cloud, LineSet
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import Geometry, MeshData, srgb_rgba, triangles
+from rasterjit.io.text.mesh_builder import Geometry, MeshData, srgb_to_rgba, triangulate
 from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.validation import brief
 
-_BYTES_PER_FILE_BYTE, _ENTITY_BYTES, _POINT_BYTES = 40, 4096, 64
+_MEMORY_PER_FILE_BYTE, _MEMORY_PER_ENTITY, _MEMORY_PER_POINT = 40, 4096, 64
 """Memory for a byte of the file, an entity wherever it is inserted, and a point of a curve."""
 
 _CURVES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX")
@@ -33,7 +33,7 @@ _TEXTS = ("TEXT", "MTEXT", "ATTRIB", "ATTDEF")
 _MAX_DEPTH = 16
 """How deep blocks may nest."""
 
-_SAGITTA = 1e-3
+_MAX_SAGITTA_SHARE = 1e-3
 """Share of a curve's extent by which its segments may lie beside it."""
 
 _BATCH_SIZE = 4096
@@ -53,14 +53,14 @@ def read_dxf(path: Path, resources: Resources, left_out: LeftOut) -> list[Geomet
     """Return the faces, lines and points of a DXF file, or raise `MeshFileError`."""
     from ezdxf import recover
 
-    resources.budget.take("the file", path.stat().st_size * _BYTES_PER_FILE_BYTE)
+    resources.budget.take("the file", path.stat().st_size * _MEMORY_PER_FILE_BYTE)
     try:
         document, auditor = recover.readfile(path)
     except Exception as error:
         # It raises errors of several kinds about a damaged file.
         raise MeshFileError(f"{path} could not be read as .dxf: {reason_of(error)}") from error
     for entry in auditor.errors + auditor.fixes:
-        left_out.note(f"damage that ezdxf names {_error_name(entry.code)}")
+        left_out.note(f"damage that ezdxf names {_get_error_name(entry.code)}")
     collector = _EntityCollector(document, resources, left_out)
     for layout in document.layouts:
         if layout.name != document.modelspace().name:
@@ -68,17 +68,19 @@ def read_dxf(path: Path, resources: Resources, left_out: LeftOut) -> list[Geomet
             count = sum(entity.dxftype() != "VIEWPORT" for entity in layout)
             left_out.note("entity of a page, beside the model", count)
     count = _EntityCounter(document.blocks).count(document.modelspace())
-    resources.budget.take("all that its blocks hold, wherever they stand,", count * _ENTITY_BYTES)
+    resources.budget.take(
+        "all that its blocks hold, wherever they stand,", count * _MEMORY_PER_ENTITY
+    )
     for entity in _flatten(document.modelspace(), 0, left_out, _Layers(document)):
         collector.add(entity)
-    geometries = collector.geometries(path.name)
+    geometries = collector.make_geometries(path.name)
     if not geometries:
         notes = f" ({left_out})" if str(left_out) else ""
         raise MeshFileError(f"{path} holds a drawing without faces, lines and points{notes}")
     return geometries
 
 
-def _error_name(code: int) -> str:
+def _get_error_name(code: int) -> str:
     """Return the name of an error code of ezdxf."""
     from ezdxf.audit import AuditError
 
@@ -92,7 +94,7 @@ class _Layers:
     def __init__(self, document: Any) -> None:
         self._layers = document.layers
 
-    def why_hidden(self, entity: Any, layer: str) -> str:
+    def explain_hidden(self, entity: Any, layer: str) -> str:
         """Return why an entity on a layer is not shown; nothing if it is."""
         is_block = entity.dxftype() == "INSERT"
         if entity.dxf.get("invisible", 0):
@@ -119,7 +121,7 @@ def _flatten(
     for entity in entities:
         layer = str(entity.dxf.get("layer", "0"))
         layer = owner if layer == "0" else layer
-        if hidden := layers.why_hidden(entity, layer):
+        if hidden := layers.explain_hidden(entity, layer):
             left_out.note(f"entity {hidden}")
         elif entity.dxftype() != "INSERT":
             yield entity
@@ -182,9 +184,9 @@ class _EntityCollector:
         kind = entity.dxftype()
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                color = self._color(entity)
+                color = self._get_color(entity)
                 if kind in _QUADS:
-                    corners = _polygon_corners(entity.wcs_vertices())
+                    corners = _drop_repeated_corners(entity.wcs_vertices())
                     self._polygons.append((corners, color))
                 elif kind == "MESH" or (kind == "POLYLINE" and entity.get_mode() in _MESH_MODES):
                     self._add_mesh(entity, kind, color)
@@ -206,11 +208,11 @@ class _EntityCollector:
 
         mesh = MeshBuilder.from_mesh(entity) if kind == "MESH" else None
         mesh = MeshBuilder.from_polyface(entity) if mesh is None else mesh
-        self._budget.take("the faces of a mesh", _POINT_BYTES * sum(map(len, mesh.faces)))
-        vertices = _point_rows(mesh.vertices)
+        self._budget.take("the faces of a mesh", _MEMORY_PER_POINT * sum(map(len, mesh.faces)))
+        vertices = _stack_points(mesh.vertices)
         for face in mesh.faces:
             try:
-                self._polygons.append((_polygon_corners(vertices[list(face)]), color))
+                self._polygons.append((_drop_repeated_corners(vertices[list(face)]), color))
             except ValueError:
                 self._left_out.note("face of fewer than 3 corners")
 
@@ -219,11 +221,11 @@ class _EntityCollector:
         from ezdxf.path import make_path
 
         path = make_path(entity)
-        ends = _point_rows(path.control_vertices())
+        ends = _stack_points(path.control_vertices())
         size = float(np.ptp(ends, axis=0).max()) if len(ends) else 0.0
-        if not np.isfinite([size, *_entity_numbers(entity)]).all():
+        if not np.isfinite([size, *_iterate_numbers(entity)]).all():
             raise ValueError("its numbers must be finite, and its points not too far apart")
-        distance = _SAGITTA * size or 1.0
+        distance = _MAX_SAGITTA_SHARE * size or 1.0
         if entity.dxftype() in ("CIRCLE", "ARC"):
             # Those of a path lie beside the circle.
             strip = self._sample_curve(entity.flattening(distance))
@@ -239,11 +241,11 @@ class _EntityCollector:
         """Return the points of a curve, (N, 3), counting their memory batch by batch."""
         rest, pieces = iter(points), [np.empty((0, 3))]
         while piece := list(islice(rest, _BATCH_SIZE)):
-            self._budget.take("the points of a curve", _POINT_BYTES * len(piece))
-            pieces.append(_point_rows(piece))
+            self._budget.take("the points of a curve", _MEMORY_PER_POINT * len(piece))
+            pieces.append(_stack_points(piece))
         return np.concatenate(pieces)
 
-    def _color(self, entity: Any) -> tuple[int, ...]:
+    def _get_color(self, entity: Any) -> tuple[int, ...]:
         """Return the colour of an entity in bytes; () for the foreground colour."""
         from ezdxf import colors
 
@@ -260,15 +262,15 @@ class _EntityCollector:
             return ()
         return tuple(colors.aci2rgb(number))
 
-    def geometries(self, name: str) -> list[Geometry]:
+    def make_geometries(self, name: str) -> list[Geometry]:
         """Return the mesh, lines and points of all entities."""
         geometries: list[Geometry] = []
         if self._polygons:
             counts = np.array([len(corners) for corners, _ in self._polygons])
             positions = np.concatenate([corners for corners, _ in self._polygons])
             indices, vertex_rows = distinct_rows(*positions.T)
-            corner_rows, polygon_numbers = triangles(counts, by_size=False)
-            colors = _linear_colors([color for _, color in self._polygons], (204, 204, 204))
+            corner_rows, polygon_numbers = triangulate(counts, by_size=False)
+            colors = _convert_colors([color for _, color in self._polygons], (204, 204, 204))
             geometries.append(
                 MeshData(
                     name, positions[vertex_rows], indices[corner_rows],
@@ -276,14 +278,14 @@ class _EntityCollector:
                 )
             )  # fmt: skip
         if self._strips:
-            geometries.append(self._line_data(name))
+            geometries.append(self._make_lines(name))
         if self._points:
             positions = np.concatenate([position for position, _ in self._points])
-            colors = _linear_colors([color for _, color in self._points], (0, 0, 0))
+            colors = _convert_colors([color for _, color in self._points], (0, 0, 0))
             geometries.append(Cloud(name, positions, colors))
         return geometries
 
-    def _line_data(self, name: str) -> LineSet:
+    def _make_lines(self, name: str) -> LineSet:
         """Return all curves; one that ends where it began is closed."""
         points, segments, at = [], [], 0
         for strip, _ in self._strips:
@@ -294,7 +296,7 @@ class _EntityCollector:
             points.append(strip[:-1] if is_ring else strip)
             at += len(points[-1])
             segments.append(np.column_stack([numbers[:-1], numbers[1:]]))
-        colors = _linear_colors([color for _, color in self._strips], (0, 0, 0))
+        colors = _convert_colors([color for _, color in self._strips], (0, 0, 0))
         if colors is not None:
             colors = np.repeat(colors, [len(one) for one in segments], axis=0)
         return LineSet(
@@ -325,7 +327,7 @@ _MESH_MODES = ("AcDbPolyFaceMesh", "AcDbPolygonMesh")
 """Polylines that are meshes."""
 
 
-def _entity_numbers(entity: Any) -> Iterator[float]:
+def _iterate_numbers(entity: Any) -> Iterator[float]:
     """Yield the float attributes of an entity and the coordinates of its points."""
     for value in entity.dxfattribs().values():
         if hasattr(value, "xyz"):
@@ -334,24 +336,24 @@ def _entity_numbers(entity: Any) -> Iterator[float]:
             yield value
 
 
-def _point_rows(points: Any) -> NDArray[np.float64]:
+def _stack_points(points: Any) -> NDArray[np.float64]:
     """Return points of ezdxf as an array, (N, 3)."""
     return np.array([tuple(point) for point in points], np.float64).reshape(-1, 3)
 
 
-def _polygon_corners(points: Any) -> NDArray[np.float64]:
+def _drop_repeated_corners(points: Any) -> NDArray[np.float64]:
     """Return the corners of a polygon, (N, 3), each once, or raise ``ValueError``."""
-    corners = _point_rows(points)
+    corners = _stack_points(points)
     differs = (corners != np.roll(corners, 1, axis=0)).any(axis=1)
     if differs.sum() < 3 or not np.isfinite(corners).all():
         raise ValueError("it must have 3 different corners")
     return corners[differs]
 
 
-def _linear_colors(
+def _convert_colors(
     colors: list[tuple[int, ...]], default: tuple[int, int, int]
 ) -> NDArray[np.float32] | None:
     """Return colours, linear RGBA, with a default for (); None if all are ()."""
     if not any(colors):
         return None
-    return srgb_rgba(np.array([color or default for color in colors], np.uint8))
+    return srgb_to_rgba(np.array([color or default for color in colors], np.uint8))

@@ -32,10 +32,11 @@ from rasterjit.forks import cached_property
 ON_CURVE, SHORT_X, SHORT_Y, REPEATED, SAME_X, SAME_Y = 1, 2, 4, 8, 16, 32
 """Flags of a glyph's points; of a short one "same" means above 0."""
 
-WORDS, OFFSETS, SCALE, MORE, TWO_SCALES, MATRIX = 1, 2, 8, 32, 64, 128
-"""Flags of a part of a composite glyph."""
+ARE_WORDS, ARE_OFFSETS, HAS_SCALE = 1, 2, 8
+HAS_MORE, HAS_TWO_SCALES, HAS_MATRIX = 32, 64, 128
+"""Flags of a component of a composite glyph; the first two are of its arguments."""
 
-MAX_DEPTH = 8
+MAX_COMPONENT_DEPTH = 8
 """How deep composite glyphs may nest; deeper ones are left out."""
 
 MAX_COMPONENTS = 4096
@@ -44,18 +45,18 @@ MAX_COMPONENTS = 4096
 MAX_SUBTABLES = 64
 """Subtables of cmap, of which each may name all characters; fonts have a few."""
 
-MAX_READS = 1 << 23
+MAX_TABLE_READS = 1 << 23
 """Numbers of GPOS that are read at most, and pairs of kern."""
 
-X_ADVANCE = 4
+X_ADVANCE_BIT = 4
 """The bit of a value record of GPOS that moves what follows."""
 
-COLLECTION = b"ttcf"
+COLLECTION_SIGNATURE = b"ttcf"
 """First bytes of files that hold several fonts."""
 
-SUFFIXES = (".ttf", ".ttc", ".otf", ".otc")
+FONT_SUFFIXES = (".ttf", ".ttc", ".otf", ".otc")
 
-FALLBACKS = ("DejaVuSans.ttf",)
+FALLBACK_FONTS = ("DejaVuSans.ttf",)
 """Fonts searched first for characters that a font lacks; then all others of the system."""
 
 PLACEHOLDER_FONTS = (
@@ -67,7 +68,7 @@ PLACEHOLDER_FONTS = (
 MAX_CHARACTERS = 0x110000
 """Number of Unicode code points."""
 
-MAX_FILE = 1 << 28
+MAX_FONT_BYTES = 1 << 28
 """Most bytes of a font file."""
 
 Float64 = NDArray[np.float64]
@@ -93,7 +94,7 @@ class Font:
     def __init__(self, data: bytes, number: int = 0) -> None:
         try:
             start = struct.unpack(">I", data[12 + 4 * number : 16 + 4 * number])[0] if (
-                data[:4] == COLLECTION) else 0  # fmt: skip
+                data[:4] == COLLECTION_SIGNATURE) else 0  # fmt: skip
             (count,) = struct.unpack(">H", data[start + 4 : start + 6])
             self.tables: dict[str, bytes] = {}
             for n in range(count):
@@ -163,7 +164,7 @@ class Font:
     def _kerning(self) -> list[_KerningPairs]:
         """The kerning tables: of GPOS, else of kern."""
         try:
-            return _gpos_pairs(self.tables.get("GPOS", b"")) or _kern_pairs(
+            return _read_gpos_pairs(self.tables.get("GPOS", b"")) or _read_kern_pairs(
                 self.tables.get("kern", b"")
             )
         except (struct.error, IndexError):
@@ -181,13 +182,15 @@ class Font:
         """
         try:
             if "glyf" not in self.tables:
-                return self._postscript_outline(glyph)
+                return self._read_postscript_outline(glyph)
             parts = iter(range(MAX_COMPONENTS))
-            return [_curves(points, is_on) for points, is_on in self._contours(glyph, parts)]
+            return [
+                _make_curves(points, is_on) for points, is_on in self._read_contours(glyph, parts)
+            ]
         except (struct.error, IndexError, ValueError):
             return []
 
-    def _contours(
+    def _read_contours(
         self, glyph: int, parts: Iterator[int], depth: int = 0
     ) -> list[tuple[Float64, NDArray[np.bool_]]]:
         """Return the points of each contour, (N, 2), and which lie on it; ``parts`` limits them."""
@@ -197,37 +200,37 @@ class Font:
         data = self.tables["glyf"][offsets[glyph] : offsets[glyph + 1]]
         count = struct.unpack(">h", data[:2])[0] if data else 0
         if count < 0:
-            return self._composite_contours(data, parts, depth)
+            return self._read_composite(data, parts, depth)
         return _split_contours(data, count) if count else []
 
-    def _composite_contours(
+    def _read_composite(
         self, data: bytes, parts: Iterator[int], depth: int
     ) -> list[tuple[Float64, NDArray[np.bool_]]]:
         """Return the contours of a composite glyph."""
         contours: list[tuple[Float64, NDArray[np.bool_]]] = []
-        at, flags = 10, MORE if depth < MAX_DEPTH else 0
-        while flags & MORE:
+        at, flags = 10, HAS_MORE if depth < MAX_COMPONENT_DEPTH else 0
+        while flags & HAS_MORE:
             if next(parts, None) is None:
                 raise ValueError(f"it has more than {MAX_COMPONENTS} parts")
             flags, glyph = struct.unpack(">HH", data[at : at + 4])
-            size = 4 if flags & WORDS else 2
-            move = struct.unpack(">hh" if flags & WORDS else ">bb", data[at + 4 : at + 4 + size])
-            at += 4 + size
-            kinds = ((SCALE, 1), (TWO_SCALES, 2), (MATRIX, 4))
+            arguments = struct.Struct(">hh" if flags & ARE_WORDS else ">bb")
+            move = arguments.unpack_from(data, at + 4)
+            at += 4 + arguments.size
+            kinds = ((HAS_SCALE, 1), (HAS_TWO_SCALES, 2), (HAS_MATRIX, 4))
             number = next((number for kind, number in kinds if flags & kind), 0)
             scales = np.frombuffer(data[at : at + 2 * number], ">i2") / 16384.0
             at += 2 * number
             matrix = scales.reshape(2, 2) if number == 4 else np.diag([*scales, 1.0, 1.0][:2])
             if number == 1:
                 matrix = scales[0] * np.eye(2)
-            offset = np.array(move if flags & OFFSETS else (0, 0), np.float64)
+            offset = np.array(move if flags & ARE_OFFSETS else (0, 0), np.float64)
             contours += [
                 (points @ matrix + offset, is_on)
-                for points, is_on in self._contours(glyph, parts, depth + 1)
+                for points, is_on in self._read_contours(glyph, parts, depth + 1)
             ]
         return contours
 
-    def _postscript_outline(self, glyph: int) -> list[Float64]:
+    def _read_postscript_outline(self, glyph: int) -> list[Float64]:
         """Return the contours of a glyph whose curves are cubic, each as quadratic ones."""
         from fontTools.pens.recordingPen import DecomposingRecordingPen
 
@@ -294,11 +297,11 @@ class _KerningPairs:
         return self._distances.get((self._firsts.get(first, 0), self._seconds.get(second, 0)), 0)
 
 
-def _kern_pairs(table: bytes) -> list[_KerningPairs]:
+def _read_kern_pairs(table: bytes) -> list[_KerningPairs]:
     """Return the horizontal pairs of the table kern, subtables of format 0."""
     distances: dict[tuple[int, int], int] = {}
     if table[:2] == b"\0\0":
-        at, pairs_left = 4, MAX_READS
+        at, pairs_left = 4, MAX_TABLE_READS
         for _ in range(struct.unpack(">H", table[2:4])[0]):
             _, size, coverage = struct.unpack(">HHH", table[at : at + 6])
             if coverage & 0xFF07 == 1:
@@ -312,7 +315,7 @@ def _kern_pairs(table: bytes) -> list[_KerningPairs]:
     return [_KerningPairs(distances)] if distances else []
 
 
-def _gpos_pairs(table: bytes) -> list[_KerningPairs]:
+def _read_gpos_pairs(table: bytes) -> list[_KerningPairs]:
     """Return the pairs of the kern feature of the table GPOS."""
     if not table:
         return []
@@ -332,18 +335,18 @@ def _gpos_pairs(table: bytes) -> list[_KerningPairs]:
                 kind = words[start + 2]
                 start += struct.unpack(">I", table[start + 4 : start + 8])[0]
             if kind == 2:
-                tables.append(_pair_positions(words, start))
+                tables.append(_read_pair_subtable(words, start))
     return tables
 
 
-def _pair_positions(words: _Uint16Reader, start: int) -> _KerningPairs:
+def _read_pair_subtable(words: _Uint16Reader, start: int) -> _KerningPairs:
     """Return the pairs of a GPOS subtable of pair adjustments."""
-    format_number, coverage = words[start], _coverage(words, start + words[start + 2])
+    format_number, coverage = words[start], _read_coverage(words, start + words[start + 2])
     formats = words[start + 4], words[start + 6]
     sizes = [2 * bin(one & 0xFF).count("1") for one in formats]
     # Of the first glyph's values the advance counts; before it stand the two of its place.
-    advance = 2 * bin(formats[0] & (X_ADVANCE - 1)).count("1")
-    has_advance = bool(formats[0] & X_ADVANCE)
+    advance = 2 * bin(formats[0] & (X_ADVANCE_BIT - 1)).count("1")
+    has_advance = bool(formats[0] & X_ADVANCE_BIT)
     distances: dict[tuple[int, int], int] = {}
     if not has_advance:
         return _KerningPairs(distances)
@@ -354,7 +357,7 @@ def _pair_positions(words: _Uint16Reader, start: int) -> _KerningPairs:
                 record = pairs + 2 + k * (2 + sum(sizes))
                 distances[first, words[record]] = words.signed(record + 2 + advance)
         return _KerningPairs(distances)
-    firsts, seconds = (_classes(words, start + words[start + at]) for at in (8, 10))
+    firsts, seconds = (_read_classes(words, start + words[start + at]) for at in (8, 10))
     count = words[start + 14]
     for one in range(words[start + 12]):
         for other in range(count):
@@ -368,10 +371,10 @@ class _Uint16Reader:
     """Reads 16-bit numbers of a table at byte offsets, up to a limit."""
 
     def __init__(self, table: bytes) -> None:
-        self._table, self._reads_left = table, MAX_READS
+        self._table, self._reads_left = table, MAX_TABLE_READS
 
     def __getitem__(self, at: int) -> int:
-        """Return an unsigned number; raise ``IndexError`` after `MAX_READS`."""
+        """Return an unsigned number; raise ``IndexError`` after `MAX_TABLE_READS`."""
         self._reads_left -= 1
         if self._reads_left < 0:
             raise IndexError("too many numbers")
@@ -382,25 +385,25 @@ class _Uint16Reader:
         return int.from_bytes(self._table[at : at + 2], "big", signed=True)
 
 
-def _coverage(words: _Uint16Reader, start: int) -> list[int]:
+def _read_coverage(words: _Uint16Reader, start: int) -> list[int]:
     """Return the glyphs of a coverage table, in order."""
     count = words[start + 2]
     if words[start] == 1:
         return [words[start + 4 + 2 * n] for n in range(count)]
-    return [glyph for first, last, _ in _ranges(words, start + 4, count)
+    return [glyph for first, last, _ in _read_ranges(words, start + 4, count)
             for glyph in range(first, last + 1)]  # fmt: skip
 
 
-def _classes(words: _Uint16Reader, start: int) -> dict[int, int]:
+def _read_classes(words: _Uint16Reader, start: int) -> dict[int, int]:
     """Return the class of each glyph of a class definition table."""
     if words[start] == 1:
         first = words[start + 2]
         return {first + n: words[start + 6 + 2 * n] for n in range(words[start + 4])}
-    return {glyph: number for first, last, number in _ranges(words, start + 4, words[start + 2])
-            for glyph in range(first, last + 1)}  # fmt: skip
+    ranges = _read_ranges(words, start + 4, words[start + 2])
+    return {glyph: number for first, last, number in ranges for glyph in range(first, last + 1)}
 
 
-def _ranges(words: _Uint16Reader, start: int, count: int) -> Iterator[tuple[int, int, int]]:
+def _read_ranges(words: _Uint16Reader, start: int, count: int) -> Iterator[tuple[int, int, int]]:
     """Yield the first and the last glyph of each range, and its value."""
     for at in range(start, start + 6 * count, 6):
         yield words[at], words[at + 2], words[at + 4]
@@ -435,13 +438,16 @@ def _cubic_to_quadratics(a: Float64, b: Float64, c: Float64, d: Float64) -> list
     curves = []
     for n in range(4):
         s, t = n / 4.0, (n + 1) / 4.0
-        points = [_blossom(a, b, c, d, *at) for at in ((s, s, s), (s, s, t), (s, t, t), (t, t, t))]
+        points = [
+            _evaluate_blossom(a, b, c, d, *at)
+            for at in ((s, s, s), (s, s, t), (s, t, t), (t, t, t))
+        ]
         middle = (3.0 * (points[1] + points[2]) - points[0] - points[3]) / 4.0
         curves.append(np.stack([points[0], middle, points[3]]))
     return curves
 
 
-def _blossom(
+def _evaluate_blossom(
     a: Float64, b: Float64, c: Float64, d: Float64, r: float, s: float, t: float
 ) -> Float64:
     """Return a control point of a part of a cubic curve: de Casteljau's steps at r, s and t."""
@@ -480,7 +486,7 @@ def _split_contours(data: bytes, count: int) -> list[tuple[Float64, NDArray[np.b
     return list(zip(np.split(points, cuts), np.split(is_on, cuts), strict=True))
 
 
-def _curves(points: Float64, is_on: NDArray[np.bool_]) -> Float64:
+def _make_curves(points: Float64, is_on: NDArray[np.bool_]) -> Float64:
     """Return a contour as quadratic curves, (N, 3, 2)."""
     # Between two points beside the curve lies one on it, in the middle.
     full, on = [], []
@@ -509,7 +515,7 @@ def _curves(points: Float64, is_on: NDArray[np.bool_]) -> Float64:
 
 
 @functools.cache
-def shipped_font() -> Font:
+def load_shipped_font() -> Font:
     """
     Return the font that Pillow ships.
 
@@ -547,11 +553,11 @@ def find_font(name: str | os.PathLike[str] | None) -> Font:
         If there is none.
     """
     if name is None:
-        return shipped_font()
+        return load_shipped_font()
     if not isinstance(name, str | os.PathLike) or not str(name).strip():
         raise ValueError(f"font must be the name of a font or of its file, got {name!r}")
     path = Path(name)
-    if path.suffix.lower() in SUFFIXES or len(path.parts) > 1:
+    if path.suffix.lower() in FONT_SUFFIXES or len(path.parts) > 1:
         if not path.is_file():
             raise ValueError(f"font must be a file that is there, got {str(name)!r}")
         try:
@@ -563,8 +569,8 @@ def find_font(name: str | os.PathLike[str] | None) -> Font:
         return font
     normalized = _normalize(str(name))
     # Most files are named as their font: look there first.
-    for file in sorted(font_files(), key=lambda file: normalized not in _normalize(file)):
-        for number, names in enumerate(_font_names(file)):
+    for file in sorted(list_font_files(), key=lambda file: normalized not in _normalize(file)):
+        for number, names in enumerate(_read_font_names(file)):
             if normalized in names:
                 return _open_font(file, number)
     raise ValueError(
@@ -574,15 +580,15 @@ def find_font(name: str | os.PathLike[str] | None) -> Font:
 
 
 @functools.lru_cache(maxsize=1024)
-def font_with(character: str, font: Font) -> Font | None:
+def find_font_with(character: str, font: Font) -> Font | None:
     """Return the first font that has a character: the given one, Pillow's, or any other."""
-    for one in (font, shipped_font()):
+    for one in (font, load_shipped_font()):
         if ord(character) in one.characters:
             return one
-    for file in font_files():
+    for file in list_font_files():
         if _normalize(Path(file).stem).startswith(PLACEHOLDER_FONTS):
             continue
-        if ord(character) in _character_codes(file):
+        if ord(character) in _read_character_codes(file):
             other = _open_font(file)
             if other.outline(other.characters[ord(character)]):
                 return other
@@ -590,7 +596,7 @@ def font_with(character: str, font: Font) -> Font | None:
 
 
 @functools.lru_cache(maxsize=1024)
-def _character_codes(file: str) -> NDArray[np.int32]:
+def _read_character_codes(file: str) -> NDArray[np.int32]:
     """Return the codes of the characters that a font file has, (N,); none if it cannot be read."""
     try:
         # The font itself is not kept: there may be many, of many megabytes.
@@ -600,7 +606,7 @@ def _character_codes(file: str) -> NDArray[np.int32]:
 
 
 @functools.cache
-def font_files() -> tuple[str, ...]:
+def list_font_files() -> tuple[str, ...]:
     """Return the files of the fonts that Matplotlib brings and the system has, the best first."""
     home = Path.home() if "HOME" in os.environ or os.name == "nt" else Path()
     folders = [home / ".fonts", home / ".local/share/fonts", Path("/usr/local/share/fonts"),
@@ -617,13 +623,13 @@ def font_files() -> tuple[str, ...]:
         for folder in folders
         for root, _, names in sorted(os.walk(folder))
         for name in sorted(names)
-        if name.lower().endswith(SUFFIXES)
+        if name.lower().endswith(FONT_SUFFIXES)
     ]
 
     def rank(file: str) -> tuple[bool, bool]:
         name = os.path.basename(file)
         is_styled = any(style in name.lower() for style in ("bold", "italic", "oblique", "mono"))
-        return name not in FALLBACKS, is_styled
+        return name not in FALLBACK_FONTS, is_styled
 
     return tuple(sorted(dict.fromkeys(files), key=rank))
 
@@ -642,18 +648,18 @@ def _open_font(file: str, number: int = 0) -> Font:
 def _read_font_file(file: str) -> bytes:
     """Return a font file, or raise ``ValueError`` for one that is too large."""
     with open(file, "rb") as stream:
-        data = stream.read(MAX_FILE + 1)
-    if len(data) > MAX_FILE:
-        raise ValueError(f"a font file may have {MAX_FILE:,} bytes at most")
+        data = stream.read(MAX_FONT_BYTES + 1)
+    if len(data) > MAX_FONT_BYTES:
+        raise ValueError(f"a font file may have {MAX_FONT_BYTES:,} bytes at most")
     return data
 
 
 @functools.lru_cache(maxsize=4096)
-def _font_names(file: str) -> list[set[str]]:
+def _read_font_names(file: str) -> list[set[str]]:
     """Return the names of each font in a file: family, style, file; none if it is damaged."""
     try:
         data = _read_font_file(file)
-        count = struct.unpack(">I", data[8:12])[0] if data[:4] == COLLECTION else 1
+        count = struct.unpack(">I", data[8:12])[0] if data[:4] == COLLECTION_SIGNATURE else 1
         return [
             {_normalize(Path(file).stem)} | _read_names(Font(data, n))
             for n in range(min(count, 64))

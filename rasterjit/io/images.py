@@ -58,7 +58,7 @@ ENCODER_OPTIONS: dict[str, dict[str, Any]] = {
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOR_TYPES = {(): 0, (3,): 2, (4,): 6}
 """PNG's colour types, by the channels of a pixel: grey, RGB, RGBA."""
-_LEVEL = 2
+_DEFLATE_LEVEL = 2
 """Deflate level, 1..9: 6 takes four times as long, for files a quarter smaller."""
 _UP_FILTER = 2
 """PNG's filter that stores the difference from the row above: smooth pictures pack better."""
@@ -66,11 +66,11 @@ _MAX_KEY_LENGTH = 79
 
 _COMPRESSED_CHUNKS = (b"zTXt", b"iTXt", b"iCCP")
 """Chunks of a PNG file that are compressed, besides its texels."""
-TEXT_BYTES, MAX_TEXTS = 1 << 20, 64
+MAX_CHUNK_BYTES, MAX_LARGE_CHUNKS = 1 << 20, 64
 """Most bytes of such a chunk unpacked, and most chunks of that size, that Pillow accepts."""
 
 _TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-TAG_BYTES = 16
+MEMORY_PER_TAG_BYTE = 16
 """Memory of a byte of a TIFF file as a Python number."""
 _MAX_VALUE_BYTES = 8
 """Most bytes of a value of a TIFF tag."""
@@ -96,7 +96,7 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    target = checked_path(path, IMAGE_FORMATS)
+    target = check_save_path(path, IMAGE_FORMATS)
     pixels = unmasked_array("image", image)
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or pixels.size == 0:
@@ -132,7 +132,7 @@ def save_arrays(path: str | Path, **arrays: NDArray[Any]) -> None:
     ValueError
         If the folder does not exist, the extension is not ``.npz``, or no array is given.
     """
-    target = checked_path(path, (".npz",))
+    target = check_save_path(path, (".npz",))
     if not arrays:
         raise ValueError("arrays must hold at least one array, got none")
     with atomic_file(target) as temporary:
@@ -154,7 +154,7 @@ def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> 
     )
 
 
-def checked_path(path: str | os.PathLike[str], formats: Iterable[str]) -> Path:
+def check_save_path(path: str | os.PathLike[str], formats: Iterable[str]) -> Path:
     """Return the path if its extension and its folder are valid, or raise ``ValueError``."""
     if not isinstance(path, (str, os.PathLike)):
         raise ValueError(f"path must be a file name, got {path!r}")
@@ -223,10 +223,10 @@ def write_exr(
         try:
             file.write(str(temporary))
         except RuntimeError as error:
-            raise _as_os_error(error, temporary, path) from None
+            raise _convert_to_os_error(error, temporary, path) from None
 
 
-def _as_os_error(error: RuntimeError, temporary: Path, path: Path) -> OSError:
+def _convert_to_os_error(error: RuntimeError, temporary: Path, path: Path) -> OSError:
     """Convert OpenEXR's ``RuntimeError`` to an ``OSError`` that names the target file."""
     message = str(error)
     for code in sorted(errno.errorcode):
@@ -264,12 +264,12 @@ def encode_png(pixels: NDArray[Any], texts: Mapping[str, str] | None = None) -> 
     height, width = pixels.shape[:2]
     bits = 8 * pixels.dtype.itemsize
     chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, 0))]
-    chunks += [(b"tEXt", _text(key, value)) for key, value in (texts or {}).items()]
-    chunks += [(b"IDAT", zlib.compress(_filtered_rows(pixels).data, _LEVEL)), (b"IEND", b"")]
-    return _PNG_SIGNATURE + b"".join(_chunk(kind, data) for kind, data in chunks)
+    chunks += [(b"tEXt", _encode_text(key, value)) for key, value in (texts or {}).items()]
+    chunks += [(b"IDAT", zlib.compress(_filter_rows(pixels).data, _DEFLATE_LEVEL)), (b"IEND", b"")]
+    return _PNG_SIGNATURE + b"".join(_make_chunk(kind, data) for kind, data in chunks)
 
 
-def _filtered_rows(pixels: NDArray[Any]) -> NDArray[np.uint8]:
+def _filter_rows(pixels: NDArray[Any]) -> NDArray[np.uint8]:
     """Apply PNG's filter Up to each row: its number, then differences from the row above."""
     stored = np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder(">"))
     stored = stored.reshape(len(pixels), -1).view(np.uint8)
@@ -280,7 +280,7 @@ def _filtered_rows(pixels: NDArray[Any]) -> NDArray[np.uint8]:
     return rows
 
 
-def _text(key: str, value: str) -> bytes:
+def _encode_text(key: str, value: str) -> bytes:
     """Return the content of a ``tEXt`` chunk."""
     try:
         keyword, text = key.encode("latin-1"), value.encode("latin-1")
@@ -291,7 +291,7 @@ def _text(key: str, value: str) -> bytes:
     return keyword + b"\0" + text
 
 
-def _chunk(kind: bytes, data: bytes) -> bytes:
+def _make_chunk(kind: bytes, data: bytes) -> bytes:
     """Return a PNG chunk: length, type, data, and the CRC of the last two."""
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
@@ -328,7 +328,7 @@ def decode_picture(
     Exception
         Whatever Pillow raises about a picture that is damaged.
     """
-    header_memory = _header_memory(content)
+    header_memory = _count_header_memory(content)
     if budget is not None:
         budget.take(label, header_memory)
     with _open_picture(content, extra_formats) as image:
@@ -336,20 +336,20 @@ def decode_picture(
             # What opening took is free again.
             width, height = image.size
             budget.take(label, max(width * height * TEXEL_BYTES - header_memory, 0))
-        return image_pixels(image)
+        return convert_pillow_image(image)
 
 
-def _header_memory(content: bytes) -> int:
+def _count_header_memory(content: bytes) -> int:
     """Return the most memory that opening a picture takes besides texels, by its header."""
     if content.startswith(b"\x89PNG"):
         packed = sum(map(content.count, _COMPRESSED_CHUNKS))
-        return min(packed, MAX_TEXTS) * TEXT_BYTES
+        return min(packed, MAX_LARGE_CHUNKS) * MAX_CHUNK_BYTES
     if content[:4] in _TIFF_SIGNATURES:
-        return TAG_BYTES * _tag_bytes(content)
+        return MEMORY_PER_TAG_BYTE * _sum_tag_bytes(content)
     return 0
 
 
-def _tag_bytes(content: bytes) -> int:
+def _sum_tag_bytes(content: bytes) -> int:
     """Return the most bytes of all tags of a TIFF file together; several may share bytes."""
     order = "<" if content[:1] == b"I" else ">"
     # Large files have places of 8 bytes.
@@ -367,7 +367,7 @@ def _tag_bytes(content: bytes) -> int:
         return 0
 
 
-def take_texels(size: tuple[int, int], label: str, budget: MemoryBudget) -> None:
+def take_texel_memory(size: tuple[int, int], label: str, budget: MemoryBudget) -> None:
     """Count the memory of the texels of a picture, (width, height)."""
     budget.take(label, size[0] * size[1] * TEXEL_BYTES)
 
@@ -393,7 +393,7 @@ def _open_picture(content: bytes, extra_formats: tuple[str, ...] = ()) -> Iterat
             raise ValueError("it is empty" if not content else "it is no known picture") from None
 
 
-def image_pixels(image: Image.Image) -> NDArray[Any]:
+def convert_pillow_image(image: Image.Image) -> NDArray[Any]:
     """Return the pixels of a Pillow image as `Texture` takes them."""
     return read_codes(image.convert("RGBA") if image.mode == "F" else image)
 

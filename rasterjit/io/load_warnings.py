@@ -40,7 +40,7 @@ class MissingFileError(ValueError):
 MAX_REASON_LENGTH = 200
 """Most characters of a reason in a message."""
 
-MAX_LISTED = 3
+MAX_LISTED_KINDS = 3
 """Most things that a message lists for one reason."""
 
 
@@ -60,6 +60,16 @@ def reason_of(error: Exception) -> str:
         return DAMAGED
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return " ".join(text.split())[:MAX_REASON_LENGTH] or type(error).__name__
+
+
+def make_missing_package_error(
+    file: Path, extension: str, missing: object, install: str
+) -> MeshFileError:
+    """Return the error of a format whose package is missing; ``install``: arguments of pip."""
+    return MeshFileError(
+        f"{file}: reading .{extension} needs a package that is not installed ({missing}); "
+        f"pip install {install} brings it"
+    )
 
 
 @contextmanager
@@ -172,8 +182,8 @@ class LeftOut:
 def _describe(reason: str, counts: Counter[str]) -> str:
     """Describe in one line the things left out for one reason, and their number."""
     names = list(counts)
-    text = ", ".join(names[:MAX_LISTED])
-    if len(names) > MAX_LISTED:
-        text += f" and {len(names) - MAX_LISTED} more"
+    text = ", ".join(names[:MAX_LISTED_KINDS])
+    if len(names) > MAX_LISTED_KINDS:
+        text += f" and {len(names) - MAX_LISTED_KINDS} more"
     suffix = "" if reason in counts else reason
     return f"{text}{suffix} ({counts.total()})"

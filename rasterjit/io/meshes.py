@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard, get_args
 
 from rasterjit.io.binvox import load_binvox
 from rasterjit.io.foreign.codecs import Decoder, Isolation
-from rasterjit.io.foreign.objects import foreign_name, foreign_package, foreign_scene
+from rasterjit.io.foreign.objects import convert_foreign, describe_object, find_package
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
 from rasterjit.io.load_warnings import (
     DAMAGED,
@@ -25,13 +25,13 @@ from rasterjit.io.point_clouds.las import LAS_FORMATS
 from rasterjit.io.point_clouds.pcd import read_pcd
 from rasterjit.io.primitives import Context
 from rasterjit.io.resources import Resources, detect_kind, extension_of
-from rasterjit.io.text.mesh_builder import Geometry, SceneRecord, build_scene, scene_of_record
+from rasterjit.io.text.mesh_builder import Geometry, SceneRecord, build_scene, convert_record
 from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.text.obj import read_obj
 from rasterjit.io.text.off import read_off
 from rasterjit.io.text.ply import read_ply
 from rasterjit.io.text.stl import read_stl
-from rasterjit.io.text.xyz import ROW_FORMATS, read_rows
+from rasterjit.io.text.xyz import XYZ_FORMATS, read_xyz
 from rasterjit.io.threemf.scene import load_3mf
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, MemoryBudget
@@ -51,12 +51,12 @@ if TYPE_CHECKING:
 
     from rasterjit.io.foreign.isolation import Session
 
-__all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load", "scene_to_add"]
+__all__ = ["LoadWarning", "MeshFileError", "as_added_scene", "as_scene", "from_trimesh", "load"]
 
-EXTRA_FORMATS = (".3dxml", ".dae", ".xaml", ".zae")
+EXTRA_SUFFIXES = (".3dxml", ".dae", ".xaml", ".zae")
 """Mesh files that need ``rasterjit[formats]``: without it, `load` says so."""
 
-AMBIGUOUS = (".xml", ".dat", ".node")
+AMBIGUOUS_SUFFIXES = (".xml", ".dat", ".node")
 """Extensions of mesh files that most other files of a folder share."""
 
 
@@ -90,17 +90,19 @@ def mesh_suffixes() -> frozenset[str]:
     from rasterjit.io.gltf.scene import GLTF_FORMATS
 
     extensions = (*mesh_formats(), *GLTF_FORMATS, "3mf")
-    return frozenset((*(f".{name}" for name in extensions), *EXTRA_FORMATS)).difference(AMBIGUOUS)
+    return frozenset((*(f".{name}" for name in extensions), *EXTRA_SUFFIXES)).difference(
+        AMBIGUOUS_SUFFIXES
+    )
 
 
 OnDamage: TypeAlias = Literal["error", "warn"]
 ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
 """For a damaged file: refuse it; or load the rest and warn."""
 
-BUILTIN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *ROW_FORMATS)
+BUILTIN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *XYZ_FORMATS)
 """Formats that `rasterjit.io.text` and `rasterjit.io.point_clouds` read."""
 
-FORMATS_EXTRA = ("lxml", "networkx", "collada", "svg", "ezdxf")
+EXTRA_MODULES = ("lxml", "networkx", "collada", "svg", "ezdxf")
 """Modules that the extra ``rasterjit[formats]`` brings."""
 
 _Z_UP_FORMATS = ("3mf", *LAS_FORMATS)
@@ -212,7 +214,7 @@ def load(
     one_of("on_damage", on_damage, ON_DAMAGE)
     if not isinstance(isolate, bool) and not (isinstance(isolate, str) and isolate == "all"):
         raise ValueError(f"isolate must be True, False or 'all', got {brief(isolate)}")
-    if _is_trimesh(path) or foreign_package(path) is not None:
+    if _is_trimesh(path) or find_package(path) is not None:
         for name, value, default in (
             ("on_damage", on_damage, "error"),
             ("resource_root", resource_root, None),
@@ -223,20 +225,20 @@ def load(
                 source = (
                     "a trimesh object"
                     if _is_trimesh(path)
-                    else f"an object of {foreign_package(path)}"
+                    else f"an object of {find_package(path)}"
                 )
                 raise ValueError(f"{name} must not be given for {source}, got {value!r}")
         if _is_trimesh(path):
             return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)
         return _from_foreign(path, on_invalid, crease_angle)
     root = None if resource_root is None else existing_folder("resource_root", resource_root)
-    file = _checked_path(path)
+    file = _check_path(path)
     budget = MemoryBudget(str(file), max_bytes)
     decoder = Decoder(budget, isolate, _begin_session)
     left_out, resources = LeftOut(), Resources(file, root, budget, decoder)
     try:
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out, isolate)
-        scene.up = _up_axis(file)
+        scene.up = _find_up_axis(file)
     except Exception as error:
         # Readers name what they cannot read; this is the reason.
         budget.check()
@@ -273,7 +275,7 @@ def _load(
     if extension in BUILTIN_FORMATS:
         damage = Damage(file, on_damage, left_out)
         data: Any = _read_parts(file, resources, damage, left_out)
-        damage.note()
+        damage.add_to_left_out()
     elif isolate:
         from rasterjit.io.foreign.isolation import read_isolated
 
@@ -282,7 +284,7 @@ def _load(
         from rasterjit.io.foreign.readers import read_file
 
         data = read_file(file, resources, on_invalid, on_damage, left_out)
-    make = scene_of_record if isinstance(data, SceneRecord) else build_scene
+    make = convert_record if isinstance(data, SceneRecord) else build_scene
     try:
         return make(data, context)
     except READER_ERRORS as error:
@@ -292,11 +294,11 @@ def _load(
         raise MeshFileError(f"{file} could not be read as .{extension}: {DAMAGED}") from error
 
 
-def readable_formats() -> frozenset[str]:
+def list_readable_formats() -> frozenset[str]:
     """Return the extensions that `load` takes with what is installed, in lower case, no dot."""
-    from rasterjit.io.foreign.readers import foreign_formats
+    from rasterjit.io.foreign.readers import list_foreign_formats
 
-    return frozenset({*GLTF_FORMATS, "3mf", "binvox", *BUILTIN_FORMATS, *foreign_formats()})
+    return frozenset({*GLTF_FORMATS, "3mf", "binvox", *BUILTIN_FORMATS, *list_foreign_formats()})
 
 
 def _begin_session(budget: MemoryBudget) -> Session:
@@ -306,7 +308,7 @@ def _begin_session(budget: MemoryBudget) -> Session:
     return Session(budget)
 
 
-def _up_axis(file: Path) -> tuple[float, float, float] | None:
+def _find_up_axis(file: Path) -> tuple[float, float, float] | None:
     """Return the up axis by a file or the definition of its format; None if unknown."""
     extension = extension_of(file)
     if extension == "dae":
@@ -336,8 +338,8 @@ def _read_parts(
             return read_off(file, resources, damage, left_out)
         if extension == "pcd":
             return read_pcd(file, resources, damage, left_out)
-        if extension in ROW_FORMATS:
-            return read_rows(file, resources, damage, left_out)
+        if extension in XYZ_FORMATS:
+            return read_xyz(file, resources, damage, left_out)
         return read_stl(file, resources, damage, left_out)
 
 
@@ -400,8 +402,8 @@ def from_trimesh(
 def _from_foreign(what: Any, on_invalid: OnInvalid, crease_angle: float) -> Scene:
     """Turn an object of another package into a scene; warn of what was left out."""
     left_out = LeftOut()
-    scene = foreign_scene(what, on_invalid, crease_angle, left_out)
-    left_out.warn(foreign_name(what))
+    scene = convert_foreign(what, on_invalid, crease_angle, left_out)
+    left_out.warn(describe_object(what))
     return scene
 
 
@@ -429,7 +431,7 @@ def as_scene(what: Any, name: str = "what") -> Scene:
         return scene
     if _is_trimesh(what):
         return from_trimesh(what)
-    if foreign_package(what) is not None:
+    if find_package(what) is not None:
         return _from_foreign(what, "raise", _CREASE_ANGLE)
     hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
     raise ValueError(
@@ -438,7 +440,7 @@ def as_scene(what: Any, name: str = "what") -> Scene:
     )
 
 
-def scene_to_add(what: Any) -> Scene:
+def as_added_scene(what: Any) -> Scene:
     """
     Return a scene, or an object of another package as one, whose nodes are to be added to another.
 
@@ -456,8 +458,8 @@ def scene_to_add(what: Any) -> Scene:
     if _is_trimesh(what):
         source = f"trimesh {type(what).__name__}"
         scene = TrimeshAdapter(Context(source, "raise", _CREASE_ANGLE, left_out), False).scene(what)
-    elif foreign_package(what) is not None:
-        scene = foreign_scene(what, "raise", _CREASE_ANGLE, left_out)
+    elif find_package(what) is not None:
+        scene = convert_foreign(what, "raise", _CREASE_ANGLE, left_out)
     elif isinstance(what, Scene):
         scene = what
     else:
@@ -483,7 +485,7 @@ def _is_trimesh(what: Any) -> TypeGuard[trimesh.Trimesh | trimesh.Scene]:
     return trimesh is not None and isinstance(what, (trimesh.parent.Geometry, trimesh.Scene))
 
 
-def _checked_path(path: Any) -> Path:
+def _check_path(path: Any) -> Path:
     """Return the path of an existing file, or raise `MeshFileError`."""
     try:
         return existing_file("path", path)

@@ -20,10 +20,10 @@ from rasterjit.scene.mesh import Mesh, OnInvalid, set_face_scalars, set_face_val
 from rasterjit.scene.points import Points
 from rasterjit.scene.warning import REPAIRED_NORMALS, silence_warnings
 
-_SAGITTA = 1e-4
+_MAX_SAGITTA_SHARE = 1e-4
 """Largest distance of segments from an arc, as a share of the drawing: .4 pixels of 4096."""
 
-_MAX_STEP = 0.08
+_MAX_SEGMENT_RADIANS = 0.08
 """Most radians of a segment: circles that are small in their drawing may be looked at closely."""
 
 _MIN_SEGMENTS = 4
@@ -54,7 +54,7 @@ class Arc(NamedTuple):
     y_axis: NDArray[np.float64]
     span: float
 
-    def points_at(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    def compute_points(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the points, (N, D), at angles from the beginning."""
         along = np.cos(angles)[:, None] * self.x_axis + np.sin(angles)[:, None] * self.y_axis
         return self.center + self.radius * along
@@ -64,26 +64,26 @@ class Arc(NamedTuple):
         # Along each axis it reaches farthest where it begins or ends, or turns back.
         extremes = np.arctan2(self.y_axis, self.x_axis)
         angles = np.concatenate([extremes, extremes + np.pi]) % (2.0 * np.pi)
-        points = self.points_at(np.append(angles[angles <= self.span], [0.0, self.span]))
+        points = self.compute_points(np.append(angles[angles <= self.span], [0.0, self.span]))
         return np.array([points.min(axis=0), points.max(axis=0)])
 
-    def segment_count(self, scale: float) -> int:
+    def count_segments(self, scale: float) -> int:
         """Return the number of segments for the arc in a drawing of a given extent."""
-        sagitta = min(_SAGITTA * scale / self.radius, 1.0)
-        step = min(4.0 * math.asin(math.sqrt(0.5 * sagitta)), _MAX_STEP)
+        sagitta = min(_MAX_SAGITTA_SHARE * scale / self.radius, 1.0)
+        step = min(4.0 * math.asin(math.sqrt(0.5 * sagitta)), _MAX_SEGMENT_RADIANS)
         return max(math.ceil(self.span / step), _MIN_SEGMENTS)
 
     def sample(
         self, segments: int, control: NDArray[np.float64], is_closed: bool
     ) -> NDArray[np.float64]:
         """Return points along the arc, (segments + 1, D), with the ends exactly as given."""
-        points = self.points_at(np.linspace(0.0, self.span, segments + 1))
+        points = self.compute_points(np.linspace(0.0, self.span, segments + 1))
         points[0] = control[0]
         points[-1] = control[0 if is_closed else -1]
         return points
 
 
-def arc_through(points: NDArray[np.float64], is_closed: bool) -> Arc | None:
+def make_arc(points: NDArray[np.float64], is_closed: bool) -> Arc | None:
     """
     Return the arc from one point through a second to a third; None if they lie on a line.
 
@@ -127,7 +127,7 @@ def arc_through(points: NDArray[np.float64], is_closed: bool) -> Arc | None:
     return Arc(points[0] + size * center[:axes], size * radius, x_axis[:axes], y_axis[:axes], span)
 
 
-def finite_attributes(
+def select_finite(
     attributes: Mapping[Any, Any], count: int, left_out: LeftOut
 ) -> dict[str, NDArray[np.float32]]:
     """
@@ -170,10 +170,10 @@ def make_mesh(label: str, left_out: LeftOut, **arrays: Any) -> Mesh:
     return mesh
 
 
-_LINE_POINT_BYTES, _SEGMENT_BYTES, _VALUE_BYTES = 96, 64, 12
+_MEMORY_PER_LINE_POINT, _MEMORY_PER_SEGMENT, _MEMORY_PER_VALUE = 96, 64, 12
 """Memory of a point and of a segment without attributes, and of a value of an attribute."""
 
-_CUT_BYTES = 64
+_MEMORY_PER_SAMPLE = 64
 """Memory of a sampled point of a curve: itself, its number and a segment."""
 
 _SAMPLES_PER_POINT = 20
@@ -243,8 +243,10 @@ def make_lines(data: LineSet, context: Context) -> Lines:
     name = data.name[:MAX_NAME_LENGTH]
     points, segments = len(data.points), len(data.segments)
     values = (*data.attributes.values(), *data.segment_attributes.values())
-    memory = _LINE_POINT_BYTES * points + _SEGMENT_BYTES * segments
-    context.take(f"the lines {name!r}", memory + _VALUE_BYTES * sum(one.size for one in values))
+    memory = _MEMORY_PER_LINE_POINT * points + _MEMORY_PER_SEGMENT * segments
+    context.take(
+        f"the lines {name!r}", memory + _MEMORY_PER_VALUE * sum(one.size for one in values)
+    )
     of_points, material = None if data.by_segment else data.colors, data.material
     is_colored = data.colors is not None or data.segment_scalars is not None
     if material is None and is_colored:
@@ -253,10 +255,10 @@ def make_lines(data: LineSet, context: Context) -> Lines:
     try:
         lines = Lines(
             data.points, data.segments, material=material, on_invalid=context.on_invalid,
-            attributes=finite_attributes(data.attributes, points, context.left_out),
+            attributes=select_finite(data.attributes, points, context.left_out),
             colors=of_points, scalars=data.scalars if data.colors is None else None,
         )  # fmt: skip
-        of_segments = finite_attributes(data.segment_attributes, segments, context.left_out)
+        of_segments = select_finite(data.segment_attributes, segments, context.left_out)
         set_face_values(lines, data.colors if data.by_segment else None, of_segments)
         if data.segment_scalars is not None:
             set_face_scalars(lines, data.segment_scalars)
@@ -265,7 +267,7 @@ def make_lines(data: LineSet, context: Context) -> Lines:
     return lines
 
 
-def lines_of_path(name: str, path: Any, context: Context) -> LineSet | None:
+def convert_path(name: str, path: Any, context: Context) -> LineSet | None:
     """
     Return a trimesh ``Path2D`` or ``Path3D`` as a line set, its curves sampled; None if empty.
 
@@ -298,7 +300,7 @@ def lines_of_path(name: str, path: Any, context: Context) -> LineSet | None:
             control = vertices[np.asarray(entity.points, np.int64)]
             if kind != "Line" and not np.isfinite(control).all():
                 raise _NonFiniteError(f"its points must be finite, got {control.tolist()}")
-            curves.append((entity, arc_through(control, entity.closed) if kind == "Arc" else None))
+            curves.append((entity, make_arc(control, entity.closed) if kind == "Arc" else None))
         except (ValueError, IndexError, TypeError, ArithmeticError) as error:
             if isinstance(error, _NonFiniteError) and context.on_invalid == "raise":
                 raise MeshFileError(
@@ -310,9 +312,11 @@ def lines_of_path(name: str, path: Any, context: Context) -> LineSet | None:
     if not curves:
         return None
     bounds = [vertices[entity.points] if arc is None else arc.bounds() for entity, arc in curves]
-    scale = extent(np.concatenate(bounds))
+    scale = measure_extent(np.concatenate(bounds))
     counts = [_count_points(entity, arc, scale) for entity, arc in curves]
-    context.take(f"the curves of the drawing {name[:MAX_NAME_LENGTH]!r}", _CUT_BYTES * sum(counts))
+    context.take(
+        f"the curves of the drawing {name[:MAX_NAME_LENGTH]!r}", _MEMORY_PER_SAMPLE * sum(counts)
+    )
     pieces, segments, colors = [vertices], [], []
     total = len(vertices)
     for (entity, arc), count in zip(curves, counts, strict=True):
@@ -349,14 +353,14 @@ def lines_of_path(name: str, path: Any, context: Context) -> LineSet | None:
     points = np.concatenate(pieces)
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
-    return LineSet(name, points, np.concatenate(segments), _entity_colors(colors), True)
+    return LineSet(name, points, np.concatenate(segments), _convert_entity_colors(colors), True)
 
 
 class _NonFiniteError(ValueError):
     """A curve has NaN or infinite points."""
 
 
-def extent(points: NDArray[np.float64]) -> float:
+def measure_extent(points: NDArray[np.float64]) -> float:
     """Return the diagonal of the bounds of points, (N, D), that are finite; 0 without any."""
     finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
@@ -369,7 +373,7 @@ def _count_points(entity: Any, arc: Arc | None, scale: float) -> int:
     """Return about how many points an entity is sampled at."""
     count = len(entity.points)
     if arc is not None:
-        return arc.segment_count(scale) + 1
+        return arc.count_segments(scale) + 1
     return count if type(entity).__name__ == "Line" else _SAMPLES_PER_POINT * count
 
 
@@ -387,7 +391,7 @@ def _sample_curve(
     return np.asarray(entity.discrete(vertices, scale=scale or 1.0), np.float64)
 
 
-def _entity_colors(colors: list[tuple[int, Any]]) -> NDArray[np.float32] | None:
+def _convert_entity_colors(colors: list[tuple[int, Any]]) -> NDArray[np.float32] | None:
     """Return the colours of segments, linear RGBA; None if no entity has one."""
     if all(color is None for _, color in colors):
         return None
@@ -406,7 +410,7 @@ def _entity_colors(colors: list[tuple[int, Any]]) -> NDArray[np.float32] | None:
 INTENSITY = "intensity"
 """Name of the attribute that colours a cloud without colours."""
 
-DEFAULT_POINT_SIZE, _MAX_SIZE = 3.0, 12.0
+DEFAULT_POINT_SIZE, _MAX_POINT_SIZE = 3.0, 12.0
 """Point sizes in pixels: the default, and the largest, of clouds of a few points."""
 
 _SPREAD_CUBED = 26.0 * 26.0 * 26.0
@@ -415,11 +419,11 @@ _SPREAD_CUBED = 26.0 * 26.0 * 26.0
 _COVERED_PIXELS = 1e6
 """Total area in pixels that the points of a large cloud cover without overlap."""
 
-_POINT_BYTES = 160
+_MEMORY_PER_POINT = 160
 """Memory of a point without its attributes."""
 
 NAN_POINT = "point without a position (NaN)"
-INFINITE = "point at infinity"
+INFINITE_POINT = "point at infinity"
 
 
 @dataclass(frozen=True)
@@ -452,7 +456,7 @@ class Cloud:
     scalars: NDArray[Any] | None = None
 
 
-def default_size(count: int) -> float:
+def choose_point_size(count: int) -> float:
     """
     Return the point size, pixels, for a cloud of ``count`` points.
 
@@ -460,7 +464,7 @@ def default_size(count: int) -> float:
     """
     large = min(DEFAULT_POINT_SIZE, max(1.0, float(round(math.sqrt(_COVERED_PIXELS / count)))))
     # The largest whole size whose cube, times the points, does not pass that of the spread.
-    size = _MAX_SIZE
+    size = _MAX_POINT_SIZE
     while size > large and (size - 0.5) * (size - 0.5) * (size - 0.5) * count > _SPREAD_CUBED:
         size -= 1.0
     return max(large, size)
@@ -478,7 +482,7 @@ def make_points(cloud: Cloud, context: Context) -> Points:
     positions, count = cloud.positions, len(cloud.positions)
     source, left_out = context.source, context.left_out
     values = sum(one.size for one in cloud.attributes.values())
-    context.take(f"the points of {name!r}", _POINT_BYTES * count + _VALUE_BYTES * values)
+    context.take(f"the points of {name!r}", _MEMORY_PER_POINT * count + _MEMORY_PER_VALUE * values)
     if not count:
         raise MeshFileError(f"{source} holds a point cloud of no points")
     sound = np.isfinite(positions).all(axis=1)
@@ -495,24 +499,21 @@ def make_points(cloud: Cloud, context: Context) -> Points:
                 f"measured, got {infinite} of {count} at infinity; on_invalid='drop' leaves them "
                 "out"
             )
-        for what, number in (
-            (NAN_POINT, count - int(np.count_nonzero(sound)) - infinite), (INFINITE, infinite),
-        ):  # fmt: skip
-            if number:
-                left_out.note(what, number)
-        # What was measured nowhere has no values either.
+        left_out.note(NAN_POINT, count - int(np.count_nonzero(sound)) - infinite)
+        left_out.note(INFINITE_POINT, infinite)
+        # Points without a position have no other values either.
         attributes = {key: _zero_elsewhere(values, sound) for key, values in attributes.items()}
         normals = None if normals is None else _zero_elsewhere(normals, sound)
-    usable = finite_attributes(attributes, count, left_out)
-    normals = finite_normals(normals, left_out)
+    usable = select_finite(attributes, count, left_out)
+    normals = zero_infinite(normals, left_out)
     normals = normals if normals is not None and normals.any() else None
     scalars = cloud.scalars if cloud.colors is None else None
     if scalars is None and cloud.colors is None and normals is None and cloud.material is None:
-        scalars = _intensity_scalars(usable)
+        scalars = _find_intensity(usable)
     try:
         return Points(
-            positions, colors=cloud.colors, normals=normals,
-            attributes=usable, size=default_size(count), scalars=scalars, material=cloud.material,
+            positions, colors=cloud.colors, normals=normals, attributes=usable,
+            size=choose_point_size(count), scalars=scalars, material=cloud.material,
             on_invalid="drop",
         )  # fmt: skip
     except ValueError as error:
@@ -528,7 +529,7 @@ def _zero_elsewhere(values: NDArray[Any], rows: NDArray[np.bool_]) -> NDArray[An
     return result
 
 
-def finite_normals(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
+def zero_infinite(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
     """Return normals with zeros, and a note, where they are not finite."""
     if values is None:
         return None
@@ -539,7 +540,7 @@ def finite_normals(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[An
     return values
 
 
-def _intensity_scalars(attributes: dict[str, NDArray[np.float32]]) -> NDArray[np.float32] | None:
+def _find_intensity(attributes: dict[str, NDArray[np.float32]]) -> NDArray[np.float32] | None:
     """Return the intensity of points, (N,), if it is one number that differs between them."""
     values = next((rows for key, rows in attributes.items() if key.lower() == INTENSITY), None)
     if values is None or values.shape[1] != 1 or values.min() == values.max():

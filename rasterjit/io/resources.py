@@ -43,20 +43,20 @@ _MANIFESTS = ("model.config", "package.xml")
 _OPEN_FLAGS = ("O_NONBLOCK", "O_NOFOLLOW", "O_BINARY", "O_CLOEXEC")
 """Flags with which files are opened, where the system has them."""
 
-_MAX_PARENTS = 4
+_MAX_MANIFEST_PARENTS = 4
 """Parent folders of a mesh file that are searched for a manifest."""
 
 _TEXTURE_FOLDER = "materials/textures"
 """Folder of a Gazebo model for pictures that meshes name without a folder."""
 
-_MANIFEST_BYTES = 1 << 16
+_MANIFEST_SEARCH_BYTES = 1 << 16
 """Bytes of a manifest that are searched for its name."""
 
 MAX_NAME_LENGTH = 80
 """Most characters of a name in a message: the last ones, which tell files apart."""
 
 
-def quoted_name(name: str) -> str:
+def quote_name(name: str) -> str:
     """Return a file's name in quotes, shortened, for a message."""
     return repr(name if len(name) <= MAX_NAME_LENGTH else f"...{name[-MAX_NAME_LENGTH:]}")
 
@@ -97,7 +97,7 @@ class Resources:
         self.budget = MemoryBudget(str(path)) if budget is None else budget
         self.decoder = Decoder(self.budget) if decoder is None else decoder
         self.folder = path.parent
-        self._model = _model_folder(Path(os.path.realpath(self.folder)))
+        self._model = _find_model_folder(Path(os.path.realpath(self.folder)))
         allowed = (self._model or self.folder) if root is None else root
         self.root = Path(os.path.realpath(allowed))
 
@@ -122,14 +122,14 @@ class Resources:
         ValueError
             If it cannot be read.
         """
-        label = quoted_name(name)
+        label = quote_name(name)
         path = self._resolve(name, label)
         if self._model is not None and not os.path.exists(path):
             # Beside meshes of Gazebo's models lie no pictures.
             textures = self._model / _TEXTURE_FOLDER / Path(name.replace("\\", "/")).name
             path = self._resolve_inside(textures, label) if os.path.isfile(textures) else path
         try:
-            return _regular_content(path, label, self.budget)
+            return _read_regular(path, label, self.budget)
         except FileNotFoundError:
             raise MissingFileError(f"the file {label} beside it is missing") from None
         except OSError as error:
@@ -145,16 +145,16 @@ class Resources:
         slashed = name.replace("\\", "/")
         folder = self.folder
         if match := _PACKAGE.fullmatch(slashed):
-            folder, slashed = self._package_folder(match[1], label), match[2].lstrip("/")
+            folder, slashed = self._find_package_folder(match[1], label), match[2].lstrip("/")
         if _SCHEME.match(slashed) or slashed.startswith("/"):
             raise RefusedFileError(f"{label} is not a file beside this one")
         if "\0" in slashed:
             raise RefusedFileError(f"{label} is no name of a file")
         return self._resolve_inside(Path(os.path.realpath(folder)) / slashed, label)
 
-    def _package_folder(self, name: str, label: str) -> Path:
+    def _find_package_folder(self, name: str, label: str) -> Path:
         """Return the folder of a package or model, or raise `RefusedFileError`."""
-        if self._model is not None and name in (self._model.name, _manifest_name(self._model)):
+        if self._model is not None and name in (self._model.name, _read_manifest_name(self._model)):
             return self._model
         if name == self.root.name:
             return self.root
@@ -179,9 +179,9 @@ class Resources:
         return path
 
 
-def _model_folder(folder: Path) -> Path | None:
+def _find_model_folder(folder: Path) -> Path | None:
     """Return the nearest folder, this one or a parent, with a manifest; None without one."""
-    for one in (folder, *folder.parents[:_MAX_PARENTS]):
+    for one in (folder, *folder.parents[:_MAX_MANIFEST_PARENTS]):
         if one.parent != one and any(_is_regular(one / manifest) for manifest in _MANIFESTS):
             return one
     return None
@@ -195,12 +195,12 @@ def _is_regular(path: Path) -> bool:
         return False
 
 
-def _manifest_name(folder: Path) -> str | None:
+def _read_manifest_name(folder: Path) -> str | None:
     """Return the name of a model or package by its manifest."""
     for manifest in _MANIFESTS:
         try:
             with _open_regular(folder / manifest, manifest) as file:
-                match = re.search(rb"<name>([^<]*)</name>", file.read(_MANIFEST_BYTES))
+                match = re.search(rb"<name>([^<]*)</name>", file.read(_MANIFEST_SEARCH_BYTES))
         except (OSError, RefusedFileError):
             continue
         if match:
@@ -221,7 +221,7 @@ def _open_regular(path: Path, label: str) -> BinaryIO:
     raise RefusedFileError(f"{label} is no regular file")
 
 
-def _regular_content(path: Path, label: str, budget: MemoryBudget) -> bytes:
+def _read_regular(path: Path, label: str, budget: MemoryBudget) -> bytes:
     """Return the content of a regular file."""
     with _open_regular(path, label) as file:
         size = os.fstat(file.fileno()).st_size
@@ -234,10 +234,10 @@ _GZIP, _BZIP2, _TAR = b"\x1f\x8b", b"BZh", b"ustar"
 _TAR_OFFSET = 257
 """Offset of the signature in a plain TAR archive."""
 
-_ZIP_ENTRY, ZIP_ENTRY_BYTES = b"PK\1\2", 640
+_ZIP_ENTRY_SIGNATURE, MEMORY_PER_ZIP_ENTRY = b"PK\1\2", 640
 """Signature of an entry of a ZIP archive's central directory, and its memory."""
 
-_CHUNK = 1 << 20
+_CHUNK_BYTES = 1 << 20
 """Bytes that are read or unpacked at once to count them."""
 
 
@@ -277,8 +277,11 @@ def take_members(path: Path, extension: str, factor: int, budget: MemoryBudget) 
 def _take_zip(path: Path, factor: int, budget: MemoryBudget) -> None:
     """Count the declared sizes of members, then what they hold beyond these."""
     with path.open("rb") as file:
-        listed = sum(chunk.count(_ZIP_ENTRY) for chunk in iter(lambda: file.read(_CHUNK), b""))
-    budget.take("its list of members", listed * ZIP_ENTRY_BYTES)
+        listed = sum(
+            chunk.count(_ZIP_ENTRY_SIGNATURE)
+            for chunk in iter(lambda: file.read(_CHUNK_BYTES), b"")
+        )
+    budget.take("its list of members", listed * MEMORY_PER_ZIP_ENTRY)
     with zipfile.ZipFile(path) as archive, path.open("rb") as file:
         members = [one for one in archive.infolist() if not one.is_dir()]
         for one in members:
@@ -300,11 +303,11 @@ def _take_extra(file: BinaryIO, member: zipfile.ZipInfo, factor: int, budget: Me
     file.seek(name + extra, os.SEEK_CUR)
     left, size, stream = member.compress_size, 0, zlib.decompressobj(-zlib.MAX_WBITS)
     while left > 0 and not stream.eof:
-        packed = stream.unconsumed_tail or file.read(min(left, _CHUNK))
+        packed = stream.unconsumed_tail or file.read(min(left, _CHUNK_BYTES))
         if not packed:
             return
         before = size
-        size += len(stream.decompress(packed, _CHUNK))
+        size += len(stream.decompress(packed, _CHUNK_BYTES))
         left -= len(packed) - len(stream.unconsumed_tail)
         if size > member.file_size:
             what = f"its member {member.filename[-80:]!r}, which is larger than it says,"
@@ -335,7 +338,7 @@ def _take_tar(path: Path, factor: int, budget: MemoryBudget) -> None:
 
 def _take_content(opened: BufferedIOBase, factor: int, budget: MemoryBudget) -> None:
     """Count the bytes of an unpacked stream."""
-    while chunk := opened.read(_CHUNK):
+    while chunk := opened.read(_CHUNK_BYTES):
         budget.take("what it holds", len(chunk) * factor)
 
 
@@ -366,7 +369,7 @@ _SIGNATURES: tuple[tuple[bytes, int, str, tuple[str, ...]], ...] = (
 )
 """Signature, its offset, a description, and the extensions of such files."""
 
-_HEADER_BYTES = 4096
+_SIGNATURE_SEARCH_BYTES = 4096
 """Bytes of a file that are searched for a signature."""
 
 _MUJOCO_COUNTS = struct.Struct("<4i")
@@ -378,7 +381,7 @@ def detect_kind(file: Path, extension: str) -> str | None:
     """Describe a file whose content contradicts its extension, such as ``"a PNG picture"``."""
     try:
         with file.open("rb") as opened:
-            head = opened.read(_HEADER_BYTES)
+            head = opened.read(_SIGNATURE_SEARCH_BYTES)
         size = file.stat().st_size
     except OSError:
         return None

@@ -17,31 +17,31 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.fonts import Float64, Font, find_font, font_with
+from rasterjit.io.fonts import Float64, Font, find_font, find_font_with
 from rasterjit.scene.warning import REPEATED, warn_caller
 
-SUBPIXELS = 4
+SUBPIXEL_POSITIONS = 4
 """Horizontal subpixel positions of a glyph."""
 
-PADDING = 0.25
+PADDING_SHARE = 0.25
 """Padding of a box around its text on each side, as a share of the font size."""
 
-ALIGNMENTS = {"left": 0.0, "center": 0.5, "right": 1.0}
+LEFT_SHARES = {"left": 0.0, "center": 0.5, "right": 1.0}
 """Share of a line's free width that lies to its left."""
 
-OVERHANG = 2
+MAX_OVERHANG_PIXELS = 2
 """Pixels by which the last glyph may reach beyond the width of its text."""
 
 MAX_LISTED = 8
 """Most missing characters that a warning lists."""
 
-RIGHT_TO_LEFT = ("R", "AL")
+RIGHT_TO_LEFT_CLASSES = ("R", "AL")
 """Bidirectional classes of letters of Unicode: Hebrew and the like, Arabic and the like."""
 
-MAX_LAYOUTS = 1024
+MAX_CACHED_LAYOUTS = 1024
 """Layouts in the cache."""
 
-MAX_GLYPHS = 1024
+MAX_CACHED_GLYPHS = 1024
 """Rasterized glyphs in the cache, each of one size and subpixel position."""
 
 
@@ -53,7 +53,7 @@ class GlyphPosition(NamedTuple):
     column: int
     """Pixel column of its origin, from the left of the text."""
     subpixel: int
-    """Position in that pixel, of `SUBPIXELS`."""
+    """Position in that pixel, of `SUBPIXEL_POSITIONS`."""
     row: int
     """First pixel row below the baseline, from the top of the text."""
 
@@ -122,7 +122,7 @@ def warn_of_missing(layout: Layout) -> None:
         )
 
 
-@functools.lru_cache(maxsize=MAX_LAYOUTS)
+@functools.lru_cache(maxsize=MAX_CACHED_LAYOUTS)
 def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
     """Return the positions of the glyphs of a text in Unicode's normal form C."""
     lines = text.replace("\t", "    ").split("\n")
@@ -137,7 +137,7 @@ def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
             for one in line
             if unicodedata.category(one) not in ("Cc", "Cf")
         ]
-        glyphs = [_glyph(one, font, missing) for one in characters]
+        glyphs = [_find_glyph(one, font, missing) for one in characters]
         # Where each character begins, and the last one ends, units of the font.
         starts = [0.0]
         for n, (used, glyph) in enumerate(glyphs):
@@ -150,19 +150,19 @@ def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
     width = math.ceil(max(widths))
     layout = []
     for number, glyphs in enumerate(rows):
-        start = ALIGNMENTS[align] * (width - widths[number])
+        start = LEFT_SHARES[align] * (width - widths[number])
         for (used, glyph), offset in zip(glyphs, starts_of_rows[number][:-1], strict=True):
-            subpixels = math.floor(SUBPIXELS * (start + scale * offset) + 0.5)
-            column, subpixel = divmod(subpixels, SUBPIXELS)
+            subpixels = math.floor(SUBPIXEL_POSITIONS * (start + scale * offset) + 0.5)
+            column, subpixel = divmod(subpixels, SUBPIXEL_POSITIONS)
             layout.append(GlyphPosition(used, glyph, column, subpixel, ascent + number * pitch))
     height = ascent + math.ceil(scale * font.descent) + (len(lines) - 1) * pitch
-    rtl = [one for one in text if unicodedata.bidirectional(one) in RIGHT_TO_LEFT]
+    rtl = [one for one in text if unicodedata.bidirectional(one) in RIGHT_TO_LEFT_CLASSES]
     return Layout(width, height, tuple(layout), "".join(missing), "".join(dict.fromkeys(rtl)))
 
 
-def _glyph(character: str, font: Font, missing: dict[str, None]) -> tuple[Font, int]:
+def _find_glyph(character: str, font: Font, missing: dict[str, None]) -> tuple[Font, int]:
     """Return the font and the glyph of a character; note one that no font has."""
-    glyph_font = font_with(character, font)
+    glyph_font = find_font_with(character, font)
     if glyph_font is not None:
         return glyph_font, glyph_font.characters[ord(character)]
     if not character.isspace():
@@ -170,7 +170,7 @@ def _glyph(character: str, font: Font, missing: dict[str, None]) -> tuple[Font, 
     return font, 0
 
 
-def text_width(text: str, size: float, font: str | os.PathLike[str] | None = None) -> int:
+def measure_text_width(text: str, size: float, font: str | os.PathLike[str] | None = None) -> int:
     """Return the width of a line of text, pixels."""
     return lay_out(text, size, "left", font).width if text else 0
 
@@ -210,18 +210,18 @@ def draw_text(
     )
     height, width = pixels.shape[:2]
     first, last = (max(left, 0), max(top, 0)), (
-        min(left + layout.width + OVERHANG, width),
+        min(left + layout.width + MAX_OVERHANG_PIXELS, width),
         min(top + layout.height, height),
     )  # fmt: skip
     if first[0] >= last[0] or first[1] >= last[1]:
         return
     window = (first[0] - left, first[1] - top, last[0] - first[0], last[1] - first[1])
-    share = text_coverage(layout, size, window)[..., np.newaxis]
+    share = rasterize_text(layout, size, window)[..., np.newaxis]
     under = pixels[first[1] : last[1], first[0] : last[0]]
     under[...] = np.floor(under + share * (np.array(color, np.float64) - under) + 0.5)
 
 
-def text_coverage(layout: Layout, size: float, window: tuple[int, int, int, int]) -> Float64:
+def rasterize_text(layout: Layout, size: float, window: tuple[int, int, int, int]) -> Float64:
     """
     Return the coverage of the pixels in a window by a text.
 
@@ -253,7 +253,7 @@ def text_coverage(layout: Layout, size: float, window: tuple[int, int, int, int]
     return np.minimum(total, 255) / 255.0
 
 
-@functools.lru_cache(maxsize=MAX_GLYPHS)
+@functools.lru_cache(maxsize=MAX_CACHED_GLYPHS)
 def rasterize_glyph(font: Font, glyph: int, size: float, subpixel: int) -> GlyphBitmap:
     """Rasterize a glyph of a font size, pixels, at a subpixel position."""
     pieces = math.ceil(math.sqrt(size))
@@ -267,18 +267,18 @@ def rasterize_glyph(font: Font, glyph: int, size: float, subpixel: int) -> Glyph
     if not ends:
         return GlyphBitmap(0, 0, np.zeros((0, 0), np.uint8))
     lines = np.concatenate(ends) * (size / font.em)
-    lines[:, [0, 2]] += subpixel / SUBPIXELS
+    lines[:, [0, 2]] += subpixel / SUBPIXEL_POSITIONS
     lines[:, [1, 3]] *= -1.0
     low, high = lines.reshape(-1, 2).min(axis=0), lines.reshape(-1, 2).max(axis=0)
     (left, top), (right, bottom) = np.floor(low).astype(int), np.ceil(high).astype(int)
     lines -= np.array([left, top, left, top], np.float64)
-    shares_covered = area_coverage(lines, (int(bottom - top), int(right - left)))
+    shares_covered = rasterize_area(lines, (int(bottom - top), int(right - left)))
     codes = np.floor(255.0 * shares_covered + 0.5).astype(np.uint8)
     codes.flags.writeable = False
     return GlyphBitmap(int(left), int(top), codes)
 
 
-def area_coverage(lines: Float64, shape: tuple[int, int]) -> Float64:
+def rasterize_area(lines: Float64, shape: tuple[int, int]) -> Float64:
     """
     Return the share of each pixel that lies inside closed outlines.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.text_layout import draw_text, text_width
+from rasterjit.io.text_layout import draw_text, measure_text_width
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.validation import index_below
@@ -111,8 +111,8 @@ def draw_colorbar(
     side_texts = [*labels, *(["NaN"] if scale.nan_color is not None else [])]
     text_left = right + font_size
     text_right = max(
-        text_left + max(text_width(text, font_size, font) for text in side_texts),
-        left + max(text_width(text, font_size, font) for text in (title, note)),
+        text_left + max(measure_text_width(text, font_size, font) for text in side_texts),
+        left + max(measure_text_width(text, font_size, font) for text in (title, note)),
     )
     image = Image.new("RGB", (text_right + font_size, height), PAPER)
     pen = ImageDraw.Draw(image)

@@ -480,7 +480,7 @@ class Frame(RenderedOutputs):
         ``32768 + 32767 n``, motion ``32768 + 64 pixels`` as in the KITTI flow benchmark.
         """
         formats = dict.fromkeys((*saving.FORMATS, *images.IMAGE_FORMATS))
-        target = images.checked_path(path, formats)
+        target = images.check_save_path(path, formats)
         suffix = target.suffix.lower()
         is_image = suffix in images.IMAGE_FORMATS
         if outputs is None and is_image:

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.io.atomic_write import atomic_file
-from rasterjit.io.images import checked_path
+from rasterjit.io.images import check_save_path
 from rasterjit.scene.validation import brief, sequence, unmasked_array
 
 _GROUP_BITS, _GROUP_MASK, _SIGN_BIT, _CONTINUATION_BIT, _FIRST_CHARACTER = 5, 0x1F, 0x10, 0x20, 48
@@ -343,7 +343,7 @@ def save_coco(
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    target = checked_path(path, (".json",))
+    target = check_save_path(path, (".json",))
     text = json.dumps(coco(images, categories, info=info))
     with atomic_file(target) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -99,7 +99,7 @@ def save_outputs(
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    target = images.checked_path(path, FORMATS)
+    target = images.check_save_path(path, FORMATS)
     suffix = target.suffix.lower()
     _check_count(suffix, arrays)
     if scale is not None and suffix != ".png":
@@ -141,7 +141,7 @@ def save_layers(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    target = images.checked_path(path, dict.fromkeys((*FORMATS, *images.IMAGE_FORMATS)))
+    target = images.check_save_path(path, dict.fromkeys((*FORMATS, *images.IMAGE_FORMATS)))
     suffix = target.suffix.lower()
     if suffix not in LAYER_FORMATS:
         raise ValueError(

@@ -10,7 +10,7 @@ HOOKS = {
     "pose_scene": "rasterjit.survey.deformation",
     "preview": "rasterjit.styles.small_preview",
     "save_gltf": "rasterjit.io.gltf.writing",
-    "scene_to_add": "rasterjit.io.meshes",
+    "as_added_scene": "rasterjit.io.meshes",
     "show_picture": "rasterjit.viewer.show_picture",
     "to_trimesh": "rasterjit.io.trimesh.writing",
 }

@@ -260,7 +260,7 @@ class Scene(Guarded, PicturePreview):
         if isinstance(mesh, Label):
             node = Node(None, transform, "" if name is None else str(name), label=mesh)
             return self._add_node(node, None, None, parent)
-        added = call_above("scene_to_add", mesh)
+        added = call_above("as_added_scene", mesh)
         if _is_single_mesh(added):
             return self.add(added.nodes[0].mesh, transform, name, parent=parent)
         group, nodes, animations = _copy_group(added, transform, "" if name is None else str(name))

@@ -28,9 +28,9 @@ from typing import Any, cast
 
 from rasterjit.runtime.progress import also_show_progress_by
 from rasterjit.scene.validation import brief
-from rasterjit.viewer.browser_session import NUMBER_BYTES, Send, Tab
+from rasterjit.viewer.browser_session import PICTURE_NUMBER_BYTES, BrowserSession, Send
 from rasterjit.viewer.canvas import Worker
-from rasterjit.viewer.protocol import MAX_MESSAGE, read_message
+from rasterjit.viewer.protocol import MAX_MESSAGE_BYTES, read_message
 from rasterjit.viewer.viewer import Viewer
 
 LOGGER = logging.getLogger("rasterjit.viewer")
@@ -39,7 +39,7 @@ DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8765
 
 MAX_PORT = 65535
 
-STOP_SECONDS = 0.3
+STOP_TIMEOUT_SECONDS = 0.3
 """Seconds that the server waits for pages when it stops."""
 
 TOKEN_BYTES = 16
@@ -47,20 +47,20 @@ TOKEN_BYTES = 16
 TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
 """Format of a given token."""
 
-MIN_UNIQUE = 5
+MIN_DISTINCT_CHARACTERS = 5
 """Least number of different characters in a token: one in 10,000 of 16 random digits has fewer."""
 
-COOKIE_DIGITS = 8
+COOKIE_HASH_DIGITS = 8
 """Of a hash of the token, in the name of its cookie: cookies of all ports of a host are sent to
 each, so viewers beside each other need names of their own."""
 
 MAX_PAGES = 16
 """Most pages open at a time."""
 
-MAX_REQUEST = 32768
+MAX_REQUEST_BYTES = 32768
 """Most bytes of a request's path and headers; cookies of all ports of a host come along."""
 
-HOST = re.compile(r"(?:\[(?P<number>[0-9a-f:.]+)\]|(?P<name>[a-z0-9_.-]+))(?::[0-9]{1,5})?")
+HOST_HEADER = re.compile(r"(?:\[(?P<number>[0-9a-f:.]+)\]|(?P<name>[a-z0-9_.-]+))(?::[0-9]{1,5})?")
 """Format of the header ``Host``: an address of IPv6 in brackets or a name, and a port."""
 
 HTTP_OK, FORBIDDEN, NOT_FOUND, NOT_ALLOWED, TOO_LARGE = 200, 403, 404, 405, 431
@@ -142,10 +142,11 @@ def check_token(token: Any) -> str:
         If it is not 16 to 128 letters, digits, ``-`` and ``_``, at least five of them different.
     """
     is_one = isinstance(token, str) and TOKEN.fullmatch(token)
-    if not is_one or len(set(token)) < MIN_UNIQUE:
+    if not is_one or len(set(token)) < MIN_DISTINCT_CHARACTERS:
         raise ValueError(
             "token must be 16 to 128 letters, digits, - and _, at least "
-            f"{MIN_UNIQUE} of them different (or not given, for a random one), got " + brief(token)
+            f"{MIN_DISTINCT_CHARACTERS} of them different (or not given, for a random one), got "
+            + brief(token)
         )
     return token
 
@@ -202,15 +203,15 @@ def serve(
         drawer, notice = Worker(), CompileStatus()
         first = drawer.submit(viewer.draw)
         others = Connections()
-        app = authorize(application(viewer, first, notice), host, secret, others.keep)
+        app = authorize(make_application(viewer, first, notice), host, secret, others.keep)
         # What is sent are pictures, which are compressed. Whoever asks for nonsense is answered,
         # and fills nobody's terminal.
         config = uvicorn.Config(
             app, log_level="error", access_log=False, server_header=False, proxy_headers=False,
             http=cast(Any, partial(ShortConnection, others)),
-            h11_max_incomplete_event_size=MAX_REQUEST,
-            ws_max_size=MAX_MESSAGE, ws_per_message_deflate=False,
-            timeout_graceful_shutdown=STOP_SECONDS,
+            h11_max_incomplete_event_size=MAX_REQUEST_BYTES,
+            ws_max_size=MAX_MESSAGE_BYTES, ws_per_message_deflate=False,
+            timeout_graceful_shutdown=STOP_TIMEOUT_SECONDS,
         )  # fmt: skip
         server = uvicorn.Server(config)
 
@@ -225,7 +226,7 @@ def serve(
         try:
             # Who interrupts it wants nothing else.
             with contextlib.suppress(KeyboardInterrupt), also_show_progress_by(notice.send):
-                for line in announcement(host, listening.getsockname()[1], secret):
+                for line in describe_address(host, listening.getsockname()[1], secret):
                     announce(line)
                 if on_start is not None:
                     on_start(stop)
@@ -239,9 +240,9 @@ def serve(
             first.result()
 
 
-def announcement(host: str, port: int, token: str) -> list[str]:
+def describe_address(host: str, port: int, token: str) -> list[str]:
     """Return lines that tell the address of the page."""
-    address = _address(host)
+    address = _parse_address(host)
     is_everywhere = address is not None and address.is_unspecified
     name = socket.gethostname() if is_everywhere else host
     authority = f"[{name}]" if ":" in name else name
@@ -279,7 +280,7 @@ class CompileStatus:
             self._listeners.discard(tell)
 
 
-def application(viewer: Viewer, first: Future[Any], notice: CompileStatus) -> App:
+def make_application(viewer: Viewer, first: Future[Any], notice: CompileStatus) -> App:
     """Return the ASGI application for the page; each client gets a twin of the viewer."""
     # Making a twin may take long, or wait for a program that holds its scene.
     maker = Worker()
@@ -290,12 +291,12 @@ def application(viewer: Viewer, first: Future[Any], notice: CompileStatus) -> Ap
             return
         file = FILES.get(scope["path"])
         if scope["method"] != "GET":
-            await _answer(send, NOT_ALLOWED, b"GET it")
+            await _send_answer(send, NOT_ALLOWED, b"GET it")
         elif file is None:
-            await _answer(send, NOT_FOUND, b"there is nothing")
+            await _send_answer(send, NOT_FOUND, b"there is nothing")
         else:
             name, kind = file
-            await _answer(send, HTTP_OK, _file(name), kind)
+            await _send_answer(send, HTTP_OK, _read_page_file(name), kind)
 
     return serve_page
 
@@ -317,13 +318,13 @@ async def _serve_socket(
     try:
         with notice.attach(put):
             # The worker does not know of anybody who waits no more.
-            tab = Tab(await asyncio.shield(asyncio.wrap_future(twin)), first, put)
+            tab = BrowserSession(await asyncio.shield(asyncio.wrap_future(twin)), first, put)
             with contextlib.closing(tab):
                 is_said = False
                 while (event := await receive())["type"] == "websocket.receive":
                     message = read_message(text := event.get("text"), outbox.sent)
                     if message is not None:
-                        tab.take(message)
+                        tab.queue_message(message)
                     elif not is_said:
                         is_said = True
                         LOGGER.warning("passed over what a page may not say: %s", brief(text))
@@ -370,7 +371,7 @@ class _Outbox:
                         await send({"type": "websocket.send", "text": text})
                     if self._pictures:
                         picture = self._pictures.popleft()
-                        self.sent = int.from_bytes(picture[:NUMBER_BYTES], "big")
+                        self.sent = int.from_bytes(picture[:PICTURE_NUMBER_BYTES], "big")
                         await send({"type": "websocket.send", "bytes": picture})
 
 
@@ -389,29 +390,29 @@ def authorize(
     """
     hosts = {host.casefold(), "localhost"}
     if not _is_loopback(host):
-        hosts |= _host_names()
+        hosts |= _list_host_names()
     pages: set[object] = set()
-    name = "rasterjit-" + hashlib.sha256(token.encode()).hexdigest()[:COOKIE_DIGITS]
+    name = "rasterjit-" + hashlib.sha256(token.encode()).hexdigest()[:COOKIE_HASH_DIGITS]
     cookie = f"{name}={token}; Path=/; HttpOnly; SameSite=Strict".encode()
 
     async def authorized(scope: dict[str, Any], receive: Any, send: Any) -> None:
         if scope["type"] == "lifespan":
             await app(scope, receive, send)
             return
-        is_token_page = scope["type"] == "http" and _is_same(scope["path"], f"/{token}/")
-        is_long = _request_length(scope) > MAX_REQUEST
+        is_token_page = scope["type"] == "http" and _is_equal(scope["path"], f"/{token}/")
+        is_long = _measure_request(scope) > MAX_REQUEST_BYTES
         may_enter = not is_long and _is_same_site(scope, host, hosts)
-        has_token = is_token_page or _is_same(_cookie(scope, name), token)
+        has_token = is_token_page or _is_equal(_get_cookie(scope, name), token)
         if scope["type"] == "http":
             if is_long:
-                await _answer(_with_headers(send), TOO_LARGE, b"the request is too long")
+                await _send_answer(_add_headers(send), TOO_LARGE, b"the request is too long")
             elif not (may_enter and has_token):
-                await _answer(_with_headers(send), FORBIDDEN, TOKEN_HINT)
+                await _send_answer(_add_headers(send), FORBIDDEN, TOKEN_HINT)
             elif is_token_page:
                 cookie_headers = [(b"set-cookie", cookie)]
-                await app({**scope, "path": "/"}, receive, _with_headers(send, cookie_headers))
+                await app({**scope, "path": "/"}, receive, _add_headers(send, cookie_headers))
             else:
-                await app(scope, receive, _with_headers(send))
+                await app(scope, receive, _add_headers(send))
         elif may_enter and has_token and scope["path"] == SOCKET_PATH and len(pages) < MAX_PAGES:
             page = object()
             pages.add(page)
@@ -433,7 +434,7 @@ TOKEN_HINT = (
 """Body of the answer to a request without a token."""
 
 
-async def _answer(
+async def _send_answer(
     send: Any, status: int, body: bytes, kind: str = "text/plain; charset=utf-8"
 ) -> None:
     """Answer a request."""
@@ -442,12 +443,12 @@ async def _answer(
     await send({"type": "http.response.body", "body": body})
 
 
-def _file(name: str) -> bytes:
+def _read_page_file(name: str) -> bytes:
     """Return the bytes of a file of the page."""
     return (resources.files("rasterjit.viewer") / "page" / name).read_bytes()
 
 
-def _with_headers(send: Any, others: Sequence[tuple[bytes, bytes]] = ()) -> Any:
+def _add_headers(send: Any, others: Sequence[tuple[bytes, bytes]] = ()) -> Any:
     """Return a send function that adds the common headers to answers."""
 
     async def send_with_headers(message: dict[str, Any]) -> None:
@@ -458,14 +459,14 @@ def _with_headers(send: Any, others: Sequence[tuple[bytes, bytes]] = ()) -> Any:
     return send_with_headers
 
 
-def _is_same(given: str, expected: str) -> bool:
+def _is_equal(given: str, expected: str) -> bool:
     """Compare texts in constant time."""
     return hmac.compare_digest(given.encode(errors="replace"), expected.encode())
 
 
-def _cookie(scope: dict[str, Any], name: str) -> str:
+def _get_cookie(scope: dict[str, Any], name: str) -> str:
     """Return the value of a request's cookie, or an empty string."""
-    for value in _headers(scope, b"cookie"):
+    for value in _get_headers(scope, b"cookie"):
         for one in value.split(";"):
             key, _, content = one.strip().partition("=")
             if key == name:
@@ -473,12 +474,12 @@ def _cookie(scope: dict[str, Any], name: str) -> str:
     return ""
 
 
-def _headers(scope: dict[str, Any], header: bytes) -> list[str]:
+def _get_headers(scope: dict[str, Any], header: bytes) -> list[str]:
     """Return the values of a request's headers of a name."""
     return [value.decode("latin-1") for name, value in scope["headers"] if name.lower() == header]
 
 
-def _request_length(scope: dict[str, Any]) -> int:
+def _measure_request(scope: dict[str, Any]) -> int:
     """Return the length of a request's path and headers, bytes."""
     fields = [len(name) + len(value) + len(": \r\n") for name, value in scope["headers"]]
     return len(scope["path"]) + len(scope.get("query_string", b"")) + sum(fields)
@@ -486,13 +487,13 @@ def _request_length(scope: dict[str, Any]) -> int:
 
 def _is_same_site(scope: dict[str, Any], host: str, host_names: set[str]) -> bool:
     """Tell whether a request names this host and comes from its own page."""
-    hosts, origins = _headers(scope, b"host"), _headers(scope, b"origin")
+    hosts, origins = _get_headers(scope, b"host"), _get_headers(scope, b"origin")
     requested = hosts[0].lower() if len(hosts) == 1 else ""
-    match = HOST.fullmatch(requested)
+    match = HOST_HEADER.fullmatch(requested)
     if match is None or len(origins) > 1:
         return False
     name = match["name"] or match["number"]
-    address = _address(name)
+    address = _parse_address(name)
     if (address is not None and address.version == 6) != (match["number"] is not None):
         return False
     # Who listens to this machine alone is asked by it alone.
@@ -502,7 +503,7 @@ def _is_same_site(scope: dict[str, Any], host: str, host_names: set[str]) -> boo
     return not origins or origins[0].lower() in (f"http://{requested}", f"https://{requested}")
 
 
-def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+def _parse_address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     """Parse an IP address; None for a name."""
     try:
         return ipaddress.ip_address(name)
@@ -512,11 +513,11 @@ def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 def _is_loopback(host: str) -> bool:
     """Tell whether only programs on the same machine reach a host."""
-    address = _address(host)
+    address = _parse_address(host)
     return host.casefold() == "localhost" if address is None else address.is_loopback
 
 
-def _host_names() -> set[str]:
+def _list_host_names() -> set[str]:
     """Return the host names of this machine, lower case."""
     name = socket.gethostname().casefold()
     return {name, socket.getfqdn().casefold(), f"{name.split('.', 1)[0]}.local"}

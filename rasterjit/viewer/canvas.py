@@ -27,10 +27,10 @@ from rasterjit.viewer.controls import Event
 from rasterjit.viewer.viewer import Viewer
 from rasterjit.viewer.window_probe import choose_toolkit
 
-FRAME_RATE = 60.0
+MAX_FRAME_RATE = 60.0
 """Most pictures a second."""
 
-NICENESS = 10
+ADDED_NICENESS = 10
 """Added niceness of a low-priority thread: it gets a tenth of a processor that another one
 wants."""
 
@@ -92,7 +92,7 @@ def lower_priority() -> None:
         thread = threading.get_native_id()
         with suppress(OSError):
             before = os.getpriority(os.PRIO_PROCESS, thread)
-            os.setpriority(os.PRIO_PROCESS, thread, before + NICENESS)
+            os.setpriority(os.PRIO_PROCESS, thread, before + ADDED_NICENESS)
 
 
 class CanvasDriver:
@@ -188,7 +188,7 @@ class CanvasDriver:
                 return True
         return False
 
-    def show_again(self) -> None:
+    def invalidate(self) -> None:
         """Show the picture once more, though it was shown: the canvas has lost it."""
         self._stamp = None
         self._canvas.request_draw()
@@ -210,28 +210,28 @@ def open_window(viewer: Viewer, title: str) -> None:
     ValueError
         If there is no display, or no toolkit opens a window on it, with what each one needs.
     """
-    canvas, loop = window(viewer, title)
+    canvas, loop = make_window(viewer, title)
     loop.run()
     if not canvas.get_closed():
         canvas.close()
 
 
-def window(viewer: Viewer, title: str) -> tuple[Any, Any]:
+def make_window(viewer: Viewer, title: str) -> tuple[Any, Any]:
     """Return a canvas in a new window that shows a viewer, and the loop that it needs."""
     toolkit = choose_toolkit()
     # What has to be compiled is compiled before a window stands there, not answering.
     viewer.draw()
     backend = importlib.import_module(f"rendercanvas.{toolkit.lower()}")
-    canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=FRAME_RATE)
+    canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=MAX_FRAME_RATE)
     CanvasDriver(viewer, canvas)
     return canvas, backend.loop
 
 
-def at_terminal() -> bool:
+def is_at_terminal() -> bool:
     """Tell whether standard input and output are a terminal."""
     return all(is_terminal(stream) for stream in (sys.__stdin__, sys.__stdout__))
 
 
 def has_terminal() -> bool:
     """Tell whether there is a terminal, and the package that shows pictures in it."""
-    return at_terminal() and importlib.util.find_spec("blessed") is not None
+    return is_at_terminal() and importlib.util.find_spec("blessed") is not None

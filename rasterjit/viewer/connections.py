@@ -15,7 +15,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 MAX_CONNECTIONS = 64
 """Most connections beside the sockets of pages; a browser opens six."""
 
-LIFETIME = 20.0
+MAX_AGE_SECONDS = 20.0
 """Time after which a connection that became no socket is closed, seconds: a browser opens another
 one when it needs it."""
 
@@ -28,7 +28,7 @@ class Connections:
 
     def add(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:
         """Close a connection after a while, and the oldest one now if there are too many."""
-        self._timers[transport] = loop.call_later(LIFETIME, self._abort, transport)
+        self._timers[transport] = loop.call_later(MAX_AGE_SECONDS, self._abort, transport)
         if len(self._timers) > MAX_CONNECTIONS:
             self._abort(next(iter(self._timers)))
 

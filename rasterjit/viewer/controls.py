@@ -43,37 +43,37 @@ from rasterjit.scene.vectors import cross, dot, length
 
 Event = dict[str, Any]
 
-SMOOTHING = 0.03
+SMOOTHING_SECONDS = 0.03
 """Seconds in which a camera goes 63 % of the way to its goal."""
 
-TURN_RATE = 90.0
+TURN_DEGREES_PER_SECOND = 90.0
 """Degrees a second that a held arrow key turns."""
 
-DRAG_DEGREES = 180.0
+DEGREES_PER_HEIGHT = 180.0
 """Degrees that dragging across the height of the picture turns."""
 
-WHEEL_SHARE = 0.001
+ZOOM_EXPONENT_PER_UNIT = 0.001
 """Exponent of the zoom for each unit of a wheel; a notch has about 100."""
 
-KEY_ZOOM = 0.8
+ZOOM_PER_KEY = 0.8
 """Factor of the distance for the key ``+``."""
 
 MIN_DISTANCE, MAX_DISTANCE = 1e-4, 1e3
 """Range of an orbit's distance, in radii of the scene."""
 
-SHIFT_SPEED = 4.0
+SHIFT_FACTOR = 4.0
 """Factor of the speed with Shift."""
 
-CROSSING_TIME = 3.0
+CROSSING_SECONDS = 3.0
 """Seconds to fly through the whole scene at the first speed."""
 
 MAX_PITCH = 89.0
 """Largest pitch when flying, degrees."""
 
-REST = 2e-4
+REST_SHARE = 2e-4
 """Distance from the goal at which a camera rests, as a share: a tenth of a pixel, about."""
 
-REST_ANGLE = 0.02
+REST_DEGREES = 0.02
 """Angle from the goal at which a camera rests, degrees."""
 
 MAX_ZOOM = 4.0
@@ -146,7 +146,7 @@ class Orbit:
     home: OrbitPose
     fov_y: float = 45.0
     up: Vector = (0.0, 1.0, 0.0)
-    smoothing: float = SMOOTHING
+    smoothing: float = SMOOTHING_SECONDS
     held: frozenset[str] = frozenset()
     drag: str = ""
     pointer: tuple[float, float] = (0.0, 0.0)
@@ -180,7 +180,7 @@ class Orbit:
         ball = BoundingSphere.around(scene)
         upward = to_triple(transforms.unit_vector("up", up))
         view = CameraPose.of(camera, size)
-        distance = _pivot_distance(ball, view.eye, view.forward)
+        distance = _compute_pivot_distance(ball, view.eye, view.forward)
         if view.height is not None:
             distance = 0.5 * view.height * transforms.focal_length(view.fov_y)
         azimuth, elevation = view.azimuth_and_elevation(upward)
@@ -208,7 +208,7 @@ class Orbit:
         if kind in ("key_down", "key_up"):
             return self._handle_key(event["key"], kind, size)
         if kind == "wheel":
-            factor = _wheel_factor(event)
+            factor = _compute_wheel_zoom(event)
             return self.zoom(factor, (event["x"], event["y"]), size, depth)
         if kind not in ("pointer_down", "pointer_move", "pointer_up"):
             return self
@@ -220,15 +220,15 @@ class Orbit:
         dx, dy = point[0] - self.pointer[0], point[1] - self.pointer[1]
         state = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=point)
         if self.drag == "turn":
-            share = DRAG_DEGREES / size[1]
+            share = DEGREES_PER_HEIGHT / size[1]
             return state.turn(-dx * share, dy * share)
         return state.pan(dx, dy, size) if self.drag == "pan" else state
 
     def advance(self, seconds: float) -> Orbit:
         """Return the state after a time; the pose follows the goal, which held keys turn."""
-        across, upward = _sum(TURN_KEYS, self.held)
-        rates = TURN_RATE * across, TURN_RATE * upward
-        stop = _time_to_pole(self.goal.elevation, rates[1])
+        across, upward = _sum_directions(TURN_KEYS, self.held)
+        rates = TURN_DEGREES_PER_SECOND * across, TURN_DEGREES_PER_SECOND * upward
+        stop = _compute_time_to_pole(self.goal.elevation, rates[1])
         if stop < seconds:
             # Exact up to the pole and from there on, however the time is cut.
             return self._glide(stop, *rates)._glide(seconds - stop, rates[0], 0.0)
@@ -249,7 +249,7 @@ class Orbit:
         pose, goal = self.pose, self.goal
         off = length(subtract(pose.target, goal.target)) + abs(pose.distance - goal.distance)
         angle = abs(pose.azimuth - goal.azimuth) + abs(pose.elevation - goal.elevation)
-        is_near = off <= REST * goal.distance and angle <= REST_ANGLE
+        is_near = off <= REST_SHARE * goal.distance and angle <= REST_DEGREES
         return is_near and not any(key in TURN_KEYS for key in self.held)
 
     @property
@@ -305,7 +305,7 @@ class Orbit:
             If ``factor`` is not above 0.
         """
         goal = self.goal
-        low, high = self._distances()
+        low, high = self._get_distance_range()
         distance = min(max(goal.distance * positive_number("factor", factor), low), high)
         factor = distance / goal.distance
         away = goal.distance if depth is None or not math.isfinite(depth) else depth
@@ -323,7 +323,7 @@ class Orbit:
         _, upward, toward = self._axes()
         fitted = fit_camera(self.ball, toward, self.fov_y, up=upward, aspect=size[0] / size[1])
         eye = to_triple(fitted.eye)
-        distance = _pivot_distance(self.ball, eye, subtract((0.0, 0.0, 0.0), toward))
+        distance = _compute_pivot_distance(self.ball, eye, subtract((0.0, 0.0, 0.0), toward))
         return self._with_goal(target=move_by(eye, toward, -distance), distance=distance)
 
     def reset(self) -> Orbit:
@@ -338,9 +338,9 @@ class Orbit:
         if key in TURN_KEYS:
             return replace(self, held=self.held | {key})
         if key in ("+", "="):
-            return self.zoom(KEY_ZOOM, center, size)
+            return self.zoom(ZOOM_PER_KEY, center, size)
         if key in ("-", "_"):
-            return self.zoom(1.0 / KEY_ZOOM, center, size)
+            return self.zoom(1.0 / ZOOM_PER_KEY, center, size)
         if key in ("f", "F"):
             return self.fit(size)
         return self.reset() if key in ("r", "R", "Home") else self
@@ -377,7 +377,7 @@ class Orbit:
         )
         return cross(upward, toward), upward, toward
 
-    def _distances(self) -> tuple[float, float]:
+    def _get_distance_range(self) -> tuple[float, float]:
         """Return the range of distances."""
         coordinate = max(map(abs, self.ball.center))
         low = max(MIN_DISTANCE * self.ball.radius, MIN_DISTANCE_RATIO * coordinate)
@@ -425,7 +425,7 @@ class Fly:
     home: tuple[Vector, float, float, float]
     fov_y: float = 45.0
     up: Vector = (0.0, 1.0, 0.0)
-    smoothing: float = SMOOTHING
+    smoothing: float = SMOOTHING_SECONDS
     held: frozenset[str] = frozenset()
     drag: str = ""
     pointer: tuple[float, float] = (0.0, 0.0)
@@ -445,7 +445,7 @@ class Fly:
         upward = to_triple(transforms.unit_vector("up", up))
         azimuth, elevation = sight.azimuth_and_elevation(upward)
         elevation = _clamp(elevation, MAX_PITCH)
-        speed = 2.0 * ball.radius / CROSSING_TIME
+        speed = 2.0 * ball.radius / CROSSING_SECONDS
         home = sight.eye, azimuth, elevation, speed
         return cls(
             ball, sight.eye, azimuth, elevation, (0.0, 0.0, 0.0), speed, home, sight.fov_y, upward
@@ -457,7 +457,7 @@ class Fly:
         if kind in ("key_down", "key_up"):
             return self._handle_key(event["key"], kind, size)
         if kind == "wheel":
-            return replace(self, speed=self._clamp_speed(self.speed / _wheel_factor(event)))
+            return replace(self, speed=self._clamp_speed(self.speed / _compute_wheel_zoom(event)))
         if kind not in ("pointer_down", "pointer_move", "pointer_up"):
             return self
         point = float(event["x"]), float(event["y"])
@@ -471,7 +471,7 @@ class Fly:
 
     def advance(self, seconds: float) -> Fly:
         """Return the state after a time; its velocity tends to what the held keys ask for."""
-        target = self._steering()
+        target = self._steer()
         rest = math.exp(-seconds / self.smoothing)
         lag = self.smoothing * (1.0 - rest)
         excess = subtract(self.velocity, target)
@@ -490,8 +490,11 @@ class Fly:
     @property
     def is_resting(self) -> bool:
         """Whether the camera visibly rests."""
-        is_steered = any(map(abs, self._steering()))
-        return not is_steered and length(self.velocity) * self.smoothing <= REST * self.ball.radius
+        is_steered = any(map(abs, self._steer()))
+        return (
+            not is_steered
+            and length(self.velocity) * self.smoothing <= REST_SHARE * self.ball.radius
+        )
 
     @property
     def is_home(self) -> bool:
@@ -545,13 +548,13 @@ class Fly:
             return self.fit(size)
         return self.reset() if name in ("r", "Home") else self
 
-    def _steering(self) -> Vector:
+    def _steer(self) -> Vector:
         """Return the velocity that the held keys ask for."""
-        right, upward, forward = _sum(MOVE_KEYS, self.held)
+        right, upward, forward = _sum_directions(MOVE_KEYS, self.held)
         total = length((right, upward, forward))
         if total == 0.0:
             return 0.0, 0.0, 0.0
-        speed = self.speed * (SHIFT_SPEED if "Shift" in self.held else 1.0) / total
+        speed = self.speed * (SHIFT_FACTOR if "Shift" in self.held else 1.0) / total
         return right * speed, upward * speed, forward * speed
 
     def _axes(self) -> tuple[Vector, Vector, Vector]:
@@ -571,25 +574,27 @@ class Fly:
 Controls = Orbit | Fly
 
 
-def _wheel_factor(event: Event) -> float:
+def _compute_wheel_zoom(event: Event) -> float:
     """Return the zoom factor of a wheel event."""
-    turned = WHEEL_SHARE * float(event.get("dy", 0.0))
+    turned = ZOOM_EXPONENT_PER_UNIT * float(event.get("dy", 0.0))
     return min(max(math.exp(min(turned, MAX_ZOOM)), 1.0 / MAX_ZOOM), MAX_ZOOM)
 
 
-def _time_to_pole(elevation: float, rate: float) -> float:
+def _compute_time_to_pole(elevation: float, rate: float) -> float:
     """Return the time until a turning goal reaches a pole, seconds."""
     return (math.copysign(90.0, rate) - elevation) / rate if rate else math.inf
 
 
-def _sum(directions: dict[str, tuple[float, ...]], keys: frozenset[str]) -> tuple[float, ...]:
+def _sum_directions(
+    directions: dict[str, tuple[float, ...]], keys: frozenset[str]
+) -> tuple[float, ...]:
     """Return the sum of the directions of the keys that are down."""
     held = [direction for key, direction in directions.items() if key in keys]
     size = len(next(iter(directions.values())))
     return tuple(math.fsum(one[axis] for one in held) for axis in range(size))
 
 
-def _pivot_distance(ball: BoundingSphere, eye: Vector, forward: Vector) -> float:
+def _compute_pivot_distance(ball: BoundingSphere, eye: Vector, forward: Vector) -> float:
     """Return the distance from the eye to the pivot."""
     distance = dot(subtract(ball.center, eye), forward)
     # Behind or beside the scene: it turns around what is in front of the eye.

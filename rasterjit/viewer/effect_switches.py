@@ -13,33 +13,33 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import ModalEffect
 
-ROUNDS = 3
+FRAMES_PER_VARIANT = 3
 """Frames measured per variant; the median counts."""
 
-MODAL = {effect.key: effect for effect in EFFECTS if isinstance(effect, ModalEffect)}
+MODAL_EFFECTS = {effect.key: effect for effect in EFFECTS if isinstance(effect, ModalEffect)}
 """Effects with several modes, by key."""
 
-KEYS = {one.key: one.name for one in EFFECTS if one.key and one.key not in MODAL}
+EFFECT_KEYS = {one.key: one.name for one in EFFECTS if one.key and one.key not in MODAL_EFFECTS}
 """Names of the effects that keys switch, by key."""
 
 EFFECTS_PER_ROW = 3
 """Effects in a row of the help."""
 
 
-def help_rows() -> list[tuple[str, str]]:
+def make_help_rows() -> list[tuple[str, str]]:
     """Return the rows of the help: keys and effects."""
     rows = [
         (key.upper(), f"{effect.name}: {', '.join(effect.modes.values())}, off")
-        for key, effect in MODAL.items()
+        for key, effect in MODAL_EFFECTS.items()
     ]
-    keys = list(KEYS)
+    keys = list(EFFECT_KEYS)
     for n in range(0, len(keys), EFFECTS_PER_ROW):
         some = keys[n : n + EFFECTS_PER_ROW]
-        rows.append((" ".join(some).upper(), ", ".join(KEYS[key] for key in some)))
+        rows.append((" ".join(some).upper(), ", ".join(EFFECT_KEYS[key] for key in some)))
     return rows
 
 
-def used_effects(scene: Scene, camera: Camera, size: tuple[int, int]) -> set[str]:
+def find_used_effects(scene: Scene, camera: Camera, size: tuple[int, int]) -> set[str]:
     """Return the names of the effects that a picture uses."""
     plan = explain(scene, camera, Quality.standard(), size=size)
     return {planned.name for planned in plan.planned}
@@ -54,7 +54,7 @@ def toggle(scene: Scene, name: str, used: set[str]) -> Scene | None:
     scene : Scene
         Stays as it is.
     name : str
-        One of ``KEYS``.
+        One of ``EFFECT_KEYS``.
     used : set of str
         The effects that its picture has.
 
@@ -69,7 +69,7 @@ def toggle(scene: Scene, name: str, used: set[str]) -> Scene | None:
     return effect.add(scene, Quality.standard())[1]
 
 
-def switchable(scene: Scene, used: set[str]) -> list[str]:
+def list_switchable(scene: Scene, used: set[str]) -> list[str]:
     """Return the names of the used effects that can be switched off."""
     return [
         effect.name
@@ -78,7 +78,7 @@ def switchable(scene: Scene, used: set[str]) -> list[str]:
     ]
 
 
-def costs(
+def measure_costs(
     renderer: Renderer, scene: Scene, camera: Camera, names: Sequence[str]
 ) -> dict[str, float]:
     """
@@ -101,7 +101,7 @@ def costs(
     scenes = {"frame": scene, **{name: effect_named(name).without(scene) for name in names}}
     times: dict[str, list[float]] = {name: [] for name in scenes}
     # One round more, whose frames get memory.
-    for number in range(ROUNDS + 1):
+    for number in range(FRAMES_PER_VARIANT + 1):
         for name, one in scenes.items():
             seconds = seconds_of(renderer.render(one, camera))
             if number > 0:

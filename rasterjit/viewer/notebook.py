@@ -15,7 +15,7 @@ from rasterjit.viewer.viewer import Viewer
 INITIAL_STEPS = 2
 """Steps of a viewer before it is displayed: its picture then has standard quality."""
 
-NO_PACKAGES = (
+MISSING_PACKAGES = (
     'This view does not turn: run pip install "rasterjit[notebook]" in the environment of this '
     "kernel, and restart it ({reason}). If Jupyter's server has another environment, that needs "
     "ipywidgets and anywidget."
@@ -40,10 +40,10 @@ class StillView:
 
     def _ipython_display_(self) -> None:
         """Display the picture in a notebook."""
-        self._saved.show({"text/plain": NO_PACKAGES.format(reason=self._reason)}, {})
+        self._saved.show({"text/plain": MISSING_PACKAGES.format(reason=self._reason)}, {})
 
 
-def widget(viewer: Viewer, *, is_needed: bool = True) -> Any:
+def make_widget(viewer: Viewer, *, is_needed: bool = True) -> Any:
     """
     Return a widget that shows a viewer: the last line of a cell displays it.
 

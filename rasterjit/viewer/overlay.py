@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.inspect.pixel_report import PixelExplanation
-from rasterjit.io.text_layout import draw_text, lay_out, text_width
+from rasterjit.io.text_layout import draw_text, lay_out, measure_text_width
 from rasterjit.outputs.frame import Frame
 
 OUTPUTS_OF = {
@@ -22,10 +22,10 @@ OUTPUTS_OF = {
 }
 """Outputs to render for each kind of picture; the depth is for zooming to the cursor."""
 
-EMPTY_GREY = 40
+BACKGROUND_GREY = 40
 """Grey of the background."""
 
-MIN_GREY = 60
+FARTHEST_GREY = 60
 """Grey of the farthest surface."""
 
 HASH_FACTORS = np.array([0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D], dtype=np.uint32)
@@ -49,13 +49,13 @@ PANEL_COLOR, TEXT_COLOR, FAINT_COLOR = (24, 26, 30), (240, 240, 236), (168, 172,
 PANEL_OPACITY = 0.88
 """Opacity of panels."""
 
-MARK_RANGE = (3, 8)
+MARK_PIXELS = (3, 8)
 """Range of the lines around a pixel, from it, at a pixel ratio of 1, pixels."""
 
 MARK_COLOR = (230, 40, 30)
 """Colour of those lines, sRGB."""
 
-MIN_HEIGHT = 120
+MIN_TEXT_HEIGHT = 120
 """Least height of a picture with text, pixels: text would cover a smaller one."""
 
 
@@ -79,28 +79,30 @@ def to_picture(frame: Frame, kind: str, numbers: Sequence[int] | None = None) ->
         frame does.
     """
     if kind == "color":
-        return _over_white(frame.color)
+        return _blend_over_white(frame.color)
     depth = frame.depth
     visible = np.isfinite(depth)
     picture = np.full((*depth.shape, 4), 255, dtype=np.uint8)
-    picture[~visible, :3] = EMPTY_GREY
+    picture[~visible, :3] = BACKGROUND_GREY
     if not visible.any():
         return picture
     if kind == "depth":
         near, far = float(depth[visible].min()), float(depth[visible].max())
         share = (far - depth[visible]) / ((far - near) or 1.0)
-        picture[visible, :3] = (MIN_GREY + share * (255 - MIN_GREY) + 0.5).astype(np.uint8)[:, None]
+        picture[visible, :3] = (FARTHEST_GREY + share * (255 - FARTHEST_GREY) + 0.5).astype(
+            np.uint8
+        )[:, None]
     elif kind == "normal":
         picture[visible, :3] = (frame.normal[visible] * 127.5 + 128.0).clip(0, 255).astype(np.uint8)
     else:
         ids = getattr(frame, kind)[visible]
         if kind == "object_id" and numbers is not None:
             ids = np.asarray(numbers, dtype=np.int64)[ids]
-        picture[visible, :3] = number_colors(ids)
+        picture[visible, :3] = pick_colors(ids)
     return picture
 
 
-def number_colors(numbers: NDArray[np.integer]) -> NDArray[np.uint8]:
+def pick_colors(numbers: NDArray[np.integer]) -> NDArray[np.uint8]:
     """Return a bright colour for each number, (N,) to (N, 3) uint8, sRGB."""
     spread = ((numbers.astype(np.uint32) + np.uint32(1))[:, None] * HASH_FACTORS) >> np.uint32(
         HASH_SHIFT
@@ -108,7 +110,7 @@ def number_colors(numbers: NDArray[np.integer]) -> NDArray[np.uint8]:
     return spread.astype(np.uint8) + np.uint8(128)
 
 
-def _over_white(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _blend_over_white(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Composite 8-bit colours over white; always a copy."""
     result = color.copy()
     if color[:, :, 3].min() < 255:
@@ -137,9 +139,9 @@ def write_panel(
     """
     # In a terminal one pixel is as large as many of the screen.
     ratio = max(ratio, 1.0)
-    if not rows or picture.shape[0] < MIN_HEIGHT * ratio:
+    if not rows or picture.shape[0] < MIN_TEXT_HEIGHT * ratio:
         return
-    panel, opacity = _panel(tuple(rows), float(ratio))
+    panel, opacity = _draw_panel(tuple(rows), float(ratio))
     height, width = (min(a, b) for a, b in zip(panel.shape, picture.shape[:2], strict=False))
     gap = min(round(MARGIN * ratio), picture.shape[0] - height, picture.shape[1] - width)
     top = gap if corner.startswith("top") else picture.shape[0] - height - gap
@@ -164,14 +166,16 @@ def mark_pixel(picture: NDArray[np.uint8], column: int, row: int, ratio: float =
     ratio : float
         Pixels of the picture for one of the screen.
     """
-    near, far = (round(reach * max(ratio, 1.0)) for reach in MARK_RANGE)
+    near, far = (round(reach * max(ratio, 1.0)) for reach in MARK_PIXELS)
     for low, high in ((-far, 1 - near), (near, far + 1)):
         picture[row, max(column + low, 0) : max(column + high, 0), :3] = MARK_COLOR
         picture[max(row + low, 0) : max(row + high, 0), column, :3] = MARK_COLOR
 
 
 @lru_cache(maxsize=64)
-def _panel(rows: tuple[Row, ...], ratio: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _draw_panel(
+    rows: tuple[Row, ...], ratio: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the colours of a panel, (H, W, 3) float32 in 0..255, and its opacity, (H, W, 1)."""
     em = FONT_SIZE * ratio
     margin, gap = MARGIN * ratio, COLUMN_GAP * ratio
@@ -179,13 +183,13 @@ def _panel(rows: tuple[Row, ...], ratio: float) -> tuple[NDArray[np.float32], ND
     columns = max(map(len, rows))
     # A cell that is alone in its row is a heading, and makes no column wider.
     widths = [
-        max((text_width(row[k], em) for row in rows if k < len(row) > 1), default=0)
+        max((measure_text_width(row[k], em) for row in rows if k < len(row) > 1), default=0)
         for k in range(columns)
     ]
     starts = [margin]
     for cells in widths[:-1]:
         starts.append(starts[-1] + cells + gap)
-    ends = (starts[k] + text_width(cell, em) for row in rows for k, cell in enumerate(row))
+    ends = (starts[k] + measure_text_width(cell, em) for row in rows for k, cell in enumerate(row))
     width, height = round(max(ends) + margin), round(len(rows) * line + 2.0 * margin)
     panel = np.full((height, width, 3), PANEL_COLOR, np.uint8)
     for number, row in enumerate(rows):

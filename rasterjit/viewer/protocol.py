@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.viewer import effect_switches
-from rasterjit.viewer.viewer import NAMES
+from rasterjit.viewer.viewer import KIND_NAMES
 
-QUALITY = 90
+JPEG_QUALITY = 90
 """Of JPEG: of neighbouring pixels no colour is mixed."""
 
 
@@ -28,10 +28,10 @@ def encode_jpeg(picture: NDArray[np.uint8]) -> bytes:
     """Return a picture, (H, W, 4) uint8, C-contiguous, as a JPEG file of its colours."""
     import simplejpeg
 
-    return simplejpeg.encode_jpeg(picture, QUALITY, "RGBA", "444", True)
+    return simplejpeg.encode_jpeg(picture, JPEG_QUALITY, "RGBA", "444", True)
 
 
-DIGITS = 9
+SIGNIFICANT_DIGITS = 9
 """Of numbers: no pixel of a picture tells more."""
 
 
@@ -46,39 +46,39 @@ class ShortView(NamedTuple):
     @classmethod
     def of(cls, camera: PerspectiveCamera) -> ShortView:
         """Return the view of a camera."""
-        eye, target = _rounded(camera.eye, camera.target)
-        (up,) = _rounded(camera.up)
-        return cls(eye, target, up, float(f"{camera.fov_y:.{DIGITS}g}"))
+        eye, target = _round_vectors(camera.eye, camera.target)
+        (up,) = _round_vectors(camera.up)
+        return cls(eye, target, up, float(f"{camera.fov_y:.{SIGNIFICANT_DIGITS}g}"))
 
 
-def camera_code(camera: PerspectiveCamera) -> str:
+def format_camera_code(camera: PerspectiveCamera) -> str:
     """Return the call that makes a camera which sees the same; planes are left to rendering."""
     view = ShortView.of(camera)
-    eye, target, up = map(_text, view[:3])
-    fov_y = f"{view.fov_y:.{DIGITS}g}"
+    eye, target, up = map(_format_vector, view[:3])
+    fov_y = f"{view.fov_y:.{SIGNIFICANT_DIGITS}g}"
     return f"rj.PerspectiveCamera(eye=({eye}), target=({target}), up=({up}), fov_y={fov_y})"
 
 
-def _text(place: Iterable[float]) -> str:
-    return ", ".join(f"{part:.{DIGITS}g}" for part in place)
+def _format_vector(place: Iterable[float]) -> str:
+    return ", ".join(f"{part:.{SIGNIFICANT_DIGITS}g}" for part in place)
 
 
-def _rounded(*places: Sequence[float]) -> list[list[float]]:
+def _round_vectors(*places: Sequence[float]) -> list[list[float]]:
     """Return places with as many decimals as the largest coordinate needs."""
     largest = max(max(map(abs, place)) for place in places)
     _, exponent = f"{largest:e}".split("e")
-    decimals = DIGITS - 1 - int(exponent)
+    decimals = SIGNIFICANT_DIGITS - 1 - int(exponent)
     # What rounds to -0 becomes 0.
     return [[round(float(part), decimals) + 0.0 for part in place] for place in places]
 
 
-MAX_MESSAGE = 16384
+MAX_MESSAGE_BYTES = 16384
 """Most bytes of a message; most have some 100, a list of hidden objects more."""
 
 MAX_COORDINATE = 1e6
 """Largest coordinate, and turn of a wheel, pixels."""
 
-MAX_KEY = 32
+MAX_KEY_LENGTH = 32
 """Most characters of a key's name."""
 
 Check = Callable[[Any], bool]
@@ -114,7 +114,7 @@ MAX_LISTED = 1000
 MAX_SWITCHED = 64
 """Most effects that a page switches."""
 
-MAX_EYE = 1e15
+MAX_VIEW_COORDINATE = 1e15
 """Largest coordinate of a view, scene units."""
 
 MIN_FOV, MAX_FOV = 1e-3, 179.0
@@ -132,7 +132,7 @@ def read_message(text: Any, sent: int) -> dict[str, Any] | None:
     sent : int
         Number of the last picture that was sent to this page: it has shown no later one.
     """
-    if not isinstance(text, str) or len(text) > MAX_MESSAGE:
+    if not isinstance(text, str) or len(text) > MAX_MESSAGE_BYTES:
         return None
     try:
         content = json.loads(text)
@@ -141,7 +141,7 @@ def read_message(text: Any, sent: int) -> dict[str, Any] | None:
     if not isinstance(content, dict) or not isinstance(kind := content.get("type"), str):
         return None
     if kind == "resize":
-        return _size(content)
+        return _fit_size(content)
     if kind == SHOWN:
         fields: Fields = {"number": integer_in(1, sent)}
     elif kind in FIELDS:
@@ -153,7 +153,7 @@ def read_message(text: Any, sent: int) -> dict[str, Any] | None:
     return {"type": kind, **{name: content[name] for name in fields}}
 
 
-def _size(content: dict[str, Any]) -> dict[str, Any] | None:
+def _fit_size(content: dict[str, Any]) -> dict[str, Any] | None:
     """Return a new size; one with too many pixels becomes a smaller one of the same shape."""
     width, height, ratio = (content.get(name) for name in ("pwidth", "pheight", "ratio"))
     if not all(map(integer_in(1, MAX_COORDINATE), (width, height))):
@@ -195,35 +195,35 @@ def list_of(allowed: Check, most: int, least: int = 0) -> Check:
 def _are_modes(value: Any) -> bool:
     """Tell whether something is a mode, or None, for each of some effects."""
     return isinstance(value, dict) and all(
-        key in effect_switches.MODAL
-        and (mode is None or word_in(effect_switches.MODAL[key].modes)(mode))
+        key in effect_switches.MODAL_EFFECTS
+        and (mode is None or word_in(effect_switches.MODAL_EFFECTS[key].modes)(mode))
         for key, mode in value.items()
     )
 
 
-_PLACE, _OBJECT = number_in(-MAX_COORDINATE, MAX_COORDINATE), integer_in(0, MAX_NUMBER)
+_PIXEL, _OBJECT = number_in(-MAX_COORDINATE, MAX_COORDINATE), integer_in(0, MAX_NUMBER)
 _BUTTON, _MODIFIERS = integer_in(0, MAX_BUTTONS), list_of(word_in(MODIFIERS), len(MODIFIERS))
-_POINT = list_of(number_in(-MAX_EYE, MAX_EYE), 3, 3)
+_POINT = list_of(number_in(-MAX_VIEW_COORDINATE, MAX_VIEW_COORDINATE), 3, 3)
 _POINTER = {
-    "x": _PLACE, "y": _PLACE, "button": _BUTTON, "buttons": list_of(_BUTTON, MAX_BUTTONS),
+    "x": _PIXEL, "y": _PIXEL, "button": _BUTTON, "buttons": list_of(_BUTTON, MAX_BUTTONS),
     "modifiers": _MODIFIERS,
 }  # fmt: skip
-_WHEEL = {"x": _PLACE, "y": _PLACE, "dx": _PLACE, "dy": _PLACE, "modifiers": _MODIFIERS}
+_WHEEL = {"x": _PIXEL, "y": _PIXEL, "dx": _PIXEL, "dy": _PIXEL, "modifiers": _MODIFIERS}
 _KEY = {
-    "key": lambda value: isinstance(value, str) and 1 <= len(value) <= MAX_KEY,
+    "key": lambda value: isinstance(value, str) and 1 <= len(value) <= MAX_KEY_LENGTH,
     "modifiers": _MODIFIERS,
 }
 
 FIELDS: dict[str, Fields] = {
     "pointer_down": _POINTER, "pointer_move": _POINTER, "pointer_up": _POINTER, "wheel": _WHEEL,
     "key_down": _KEY, "key_up": _KEY,
-    "pick": {"x": _PLACE, "y": _PLACE},
+    "pick": {"x": _PIXEL, "y": _PIXEL},
     "view": {
         "eye": _POINT, "target": _POINT, "up": _POINT, "fov_y": number_in(MIN_FOV, MAX_FOV),
     },
     "look": {
-        "kind": word_in(NAMES), "modes": _are_modes,
-        "switched": list_of(word_in(effect_switches.KEYS.values()), MAX_SWITCHED),
+        "kind": word_in(KIND_NAMES), "modes": _are_modes,
+        "switched": list_of(word_in(effect_switches.EFFECT_KEYS.values()), MAX_SWITCHED),
     },
     "visibility": {
         "hidden": list_of(_OBJECT, MAX_LISTED), "only": lambda one: one is None or _OBJECT(one),

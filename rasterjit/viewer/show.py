@@ -13,7 +13,7 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
 from rasterjit.viewer import browser, canvas, notebook, terminal, window_probe
-from rasterjit.viewer.viewer import FRAME_SECONDS, Viewer
+from rasterjit.viewer.viewer import FRAME_BUDGET_SECONDS, Viewer
 
 Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
@@ -31,7 +31,7 @@ def show(
     background: Background = None,
     cull: Cull = "none",
     up: Any = None,
-    time_budget: float = FRAME_SECONDS,
+    time_budget: float = FRAME_BUDGET_SECONDS,
     title: str = "RasterJIT",
     host: str = browser.DEFAULT_HOST,
     port: int = browser.DEFAULT_PORT,
@@ -95,7 +95,7 @@ def show(
         name=title, threads=threads,
     )  # fmt: skip
     if chosen == "notebook":
-        return notebook.widget(viewer, is_needed=backend == "notebook")
+        return notebook.make_widget(viewer, is_needed=backend == "notebook")
     run: dict[str, Callable[[], None]] = {
         "window": lambda: canvas.open_window(viewer, title),
         "browser": lambda: browser.serve(viewer, host, port, token=token),
@@ -125,7 +125,7 @@ def choose_backend(backend: str) -> str:
     toolkit, problem = window_probe.find_toolkit()
     if toolkit:
         return "window"
-    other = _without_window(problem)
+    other = _choose_without_window(problem)
     if window_probe.has_display():
         words = {"browser": "a page", "terminal": "the terminal"}
         print(f"rasterjit: no window opens: {problem}. Showing {words[other]} instead",
@@ -133,7 +133,7 @@ def choose_backend(backend: str) -> str:
     return other
 
 
-def _without_window(problem: str) -> str:
+def _choose_without_window(problem: str) -> str:
     """Return the best backend where no window opens."""
     if all(importlib.util.find_spec(name) is not None for name in SERVER_PACKAGES):
         return "browser"
@@ -141,6 +141,6 @@ def _without_window(problem: str) -> str:
         return "terminal"
     raise ImportError(
         'showing needs a page: pip install "rasterjit[browser]"; or a window, but '
-        + (problem if problem != window_probe.NO_TOOLKIT else "no toolkit for one is installed: "
-           'pip install "rasterjit[viewer]"')
+        + (problem if problem != window_probe.MISSING_TOOLKIT else
+           'no toolkit for one is installed: pip install "rasterjit[viewer]"')
     )  # fmt: skip

@@ -13,8 +13,13 @@ from PIL import Image, ImageShow
 
 from rasterjit.runtime import progress
 from rasterjit.viewer import terminal, window_probe
-from rasterjit.viewer.canvas import at_terminal, has_terminal
-from rasterjit.viewer.terminal import Abilities, half_blocks, kitty, sixel
+from rasterjit.viewer.canvas import has_terminal, is_at_terminal
+from rasterjit.viewer.terminal import (
+    TerminalGraphics,
+    encode_half_blocks,
+    encode_kitty,
+    encode_sixel,
+)
 
 KITTY_IMAGE_ID = 7919
 """Id of the picture in the Kitty graphics protocol; viewers use 1 and 2."""
@@ -49,21 +54,21 @@ def show_picture(frame: Any, color: NDArray[np.uint8], title: str) -> None:
     image = Image.fromarray(color)
     if window_probe.has_display() and ImageShow.show(image, title):
         return
-    if not at_terminal():
+    if not is_at_terminal():
         raise ValueError(
             "there is no notebook, no display with a picture viewer and no terminal to show the "
             'frame in: write it to a file with frame.save("picture.png")'
         )
     paper = Image.new("RGBA", image.size, (BACKGROUND_GREY, BACKGROUND_GREY, BACKGROUND_GREY, 255))
-    _print(Image.alpha_composite(paper, image).convert("RGB"))
+    _print_picture(Image.alpha_composite(paper, image).convert("RGB"))
 
 
-def _print(image: Image.Image) -> None:
+def _print_picture(image: Image.Image) -> None:
     """Write a picture to the terminal, scaled down to fit."""
     stream = sys.__stdout__
-    assert stream is not None  # `at_terminal` has looked.
-    abilities = _ask() if has_terminal() and sys.platform != "win32" else None
-    protocol, cell = abilities or Abilities("blocks", terminal.DEFAULT_CELL)
+    assert stream is not None  # `is_at_terminal` has looked.
+    abilities = _query_terminal() if has_terminal() and sys.platform != "win32" else None
+    protocol, cell = abilities or TerminalGraphics("blocks", terminal.DEFAULT_CELL)
     columns, lines = shutil.get_terminal_size()
     if protocol == "blocks":
         cell = (1, 2)
@@ -75,19 +80,19 @@ def _print(image: Image.Image) -> None:
     pixels = np.asarray(image.resize((width, height), Image.Resampling.LANCZOS))
     rows = -(-height // cell[1])
     if protocol == "kitty":
-        text = kitty(pixels, KITTY_IMAGE_ID, (-(-width // cell[0]), rows)) + "\n" * rows
+        text = encode_kitty(pixels, KITTY_IMAGE_ID, (-(-width // cell[0]), rows)) + "\n" * rows
     elif protocol == "sixel":
-        text = sixel(pixels) + "\n"
+        text = encode_sixel(pixels) + "\n"
     else:
         # A last row of one pixel is filled up with the background.
         whole = np.pad(pixels, ((0, height % 2), (0, 0), (0, 0)), constant_values=BACKGROUND_GREY)
         has_truecolor = os.environ.get("COLORTERM", "") in ("truecolor", "24bit")
-        text = "".join(f"{line}\n" for line in half_blocks(whole, has_truecolor))
+        text = "".join(f"{line}\n" for line in encode_half_blocks(whole, has_truecolor))
     stream.write(text)
     stream.flush()
 
 
-def _ask() -> Abilities:
+def _query_terminal() -> TerminalGraphics:
     """Ask the terminal what it can show."""
     import blessed
 
@@ -99,5 +104,5 @@ def _ask() -> Abilities:
 
     with term.cbreak():
         stdin = sys.__stdin__
-        assert stdin is not None  # `at_terminal` has looked.
+        assert stdin is not None  # `is_at_terminal` has looked.
         return terminal.query_terminal(stdin.fileno(), write)

@@ -28,27 +28,27 @@ from numpy.typing import NDArray
 
 from rasterjit.runtime.progress import show_progress_by
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer.canvas import CanvasDriver, DrawCancelled, at_terminal
+from rasterjit.viewer.canvas import CanvasDriver, DrawCancelled, is_at_terminal
 from rasterjit.viewer.controls import MOVE_KEYS, TURN_KEYS, Event, Fly
 from rasterjit.viewer.overlay import Row
-from rasterjit.viewer.viewer import HELP, Viewer
+from rasterjit.viewer.viewer import HELP_ROWS, Viewer
 
-CHUNK = 4096
+KITTY_CHUNK = 4096
 """Characters of a picture in one command of kitty's, at most."""
 
-COLORS = 256
+SIXEL_COLORS = 256
 """Of a picture in sixels, at most."""
 
-BAND = 6
+SIXEL_BAND = 6
 """Rows of pixels in one row of sixels."""
 
 FIRST_SIXEL = 63
 """Code of the character for a column of a band without any pixel."""
 
-PERCENT = 100
+SIXEL_COLOR_SCALE = 100
 """Sixels take colours as whole percents."""
 
-MIN_RUN = 4
+MIN_SIXEL_RUN = 4
 """Equal sixels from which on their number is shorter than they are."""
 
 CUBE_SIDE, FIRST_OF_CUBE = 6, 16
@@ -64,7 +64,7 @@ CUBE_BORDERS, GREY_BORDERS = ((some[1:] + some[:-1]) / 2.0 for some in (CUBE_LEV
 HALF_BLOCK = "▄"
 
 
-def kitty(picture: NDArray[np.uint8], number: int, cells: tuple[int, int]) -> str:
+def encode_kitty(picture: NDArray[np.uint8], number: int, cells: tuple[int, int]) -> str:
     """
     Return the Kitty commands that show a picture below the text, from the cursor on.
 
@@ -78,7 +78,7 @@ def kitty(picture: NDArray[np.uint8], number: int, cells: tuple[int, int]) -> st
     """
     height, width = picture.shape[:2]
     data = base64.b64encode(zlib.compress(picture.tobytes(), 1)).decode()
-    chunks = [data[start : start + CHUNK] for start in range(0, len(data), CHUNK)]
+    chunks = [data[start : start + KITTY_CHUNK] for start in range(0, len(data), KITTY_CHUNK)]
     last = len(chunks) - 1
     # Transmit and show (a=T) RGB (f=24), packed (o=z), without an answer (q=2), below the text
     # (z=-1), without moving the cursor (C=1).
@@ -94,7 +94,7 @@ def delete_kitty(number: int) -> str:
     return f"\x1b_Ga=d,d=I,q=2,i={number}\x1b\\"
 
 
-def sixel(picture: NDArray[np.uint8]) -> str:
+def encode_sixel(picture: NDArray[np.uint8]) -> str:
     """
     Return the sixel command that shows a picture from the cursor on, in its 256 best colours.
 
@@ -105,7 +105,7 @@ def sixel(picture: NDArray[np.uint8]) -> str:
     from PIL import Image
 
     image = Image.fromarray(picture).quantize(
-        COLORS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
+        SIXEL_COLORS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
     )
     palette = np.frombuffer(image.palette.tobytes(), dtype=np.uint8).reshape(-1, 3)
     return encode_sixels(np.asarray(image), palette)
@@ -124,8 +124,8 @@ def encode_sixels(numbers: NDArray[np.uint8], palette: NDArray[np.uint8]) -> str
     # Each pixel sets a bit of the sixel of its band, colour and column. Sorted by that, sixels
     # without a pixel are not there at all.
     rows, columns = np.divmod(np.arange(height * width), width)
-    bands, bits = np.divmod(rows, BAND)
-    positions = (bands * COLORS + numbers.ravel()) * width + columns
+    bands, bits = np.divmod(rows, SIXEL_BAND)
+    positions = (bands * SIXEL_COLORS + numbers.ravel()) * width + columns
     order = np.argsort(positions, kind="stable")
     positions, bits = positions[order], bits[order]
     firsts = np.flatnonzero(np.r_[True, positions[1:] != positions[:-1]])
@@ -143,35 +143,35 @@ def encode_sixels(numbers: NDArray[np.uint8], palette: NDArray[np.uint8]) -> str
     )
     used = np.unique(numbers)
     parts = [f'\x1bPq"1;1;{width};{height}']
-    parts += [_color(int(number), palette[number]) for number in used]
+    parts += [_define_color(int(number), palette[number]) for number in used]
     band, line, end = 0, -1, 0
     for run_line, start, bits_set, count in runs:
         if run_line != line:
             line, end = run_line, 0
-            parts.append("-" * (line // COLORS - band) or "$")
-            band = line // COLORS
-            parts.append(f"#{line % COLORS}")
+            parts.append("-" * (line // SIXEL_COLORS - band) or "$")
+            band = line // SIXEL_COLORS
+            parts.append(f"#{line % SIXEL_COLORS}")
         if start > end:
-            parts.append(_repeat(0, start - end))
-        parts.append(_repeat(bits_set, count))
+            parts.append(_encode_run(0, start - end))
+        parts.append(_encode_run(bits_set, count))
         end = start + count
     return "".join([*parts, "\x1b\\"])
 
 
-def _color(number: int, color: NDArray[np.uint8]) -> str:
+def _define_color(number: int, color: NDArray[np.uint8]) -> str:
     """Return the sixel command that defines a colour."""
-    red, green, blue = ((int(code) * 2 * PERCENT + 255) // 510 for code in color)
+    red, green, blue = ((int(code) * 2 * SIXEL_COLOR_SCALE + 255) // 510 for code in color)
     return f"#{number};2;{red};{green};{blue}"
 
 
 @lru_cache(maxsize=4096)
-def _repeat(bits: int, count: int) -> str:
+def _encode_run(bits: int, count: int) -> str:
     """Return a run of equal sixels."""
     character = chr(FIRST_SIXEL + bits)
-    return character * count if count < MIN_RUN else f"!{count}{character}"
+    return character * count if count < MIN_SIXEL_RUN else f"!{count}{character}"
 
 
-def half_blocks(picture: NDArray[np.uint8], is_true: bool = True) -> list[str]:
+def encode_half_blocks(picture: NDArray[np.uint8], is_true: bool = True) -> list[str]:
     """
     Return lines of half blocks, two rows of pixels in each.
 
@@ -183,7 +183,7 @@ def half_blocks(picture: NDArray[np.uint8], is_true: bool = True) -> list[str]:
         Whether the terminal knows all colours; else the nearest of 6 x 6 x 6 and of 24 greys.
     """
     if not is_true:
-        return _indexed_blocks(picture)
+        return _encode_indexed_blocks(picture)
     pairs = np.concatenate([picture[::2], picture[1::2]], axis=2)
     is_new = np.ones(pairs.shape[:2], dtype=bool)
     is_new[:, 1:] = (pairs[:, 1:] != pairs[:, :-1]).any(axis=2)
@@ -201,7 +201,7 @@ def half_blocks(picture: NDArray[np.uint8], is_true: bool = True) -> list[str]:
     return lines
 
 
-def _nearest_colors(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _find_nearest_colors(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
     """Return the palette indices of the nearest colours, (H, W), of the cube and of the greys."""
     target = picture.astype(np.int64)
     steps = np.searchsorted(CUBE_BORDERS, target, side="right")
@@ -213,9 +213,9 @@ def _nearest_colors(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
     return np.where(grey_error < cube_error, FIRST_GREY + grey, cube)
 
 
-def _indexed_blocks(picture: NDArray[np.uint8]) -> list[str]:
+def _encode_indexed_blocks(picture: NDArray[np.uint8]) -> list[str]:
     """Return lines of half blocks in palette colours."""
-    numbers = _nearest_colors(picture)
+    numbers = _find_nearest_colors(picture)
     return [
         "".join(
             f"\x1b[48;5;{top}m\x1b[38;5;{bottom}m{HALF_BLOCK}"
@@ -226,43 +226,43 @@ def _indexed_blocks(picture: NDArray[np.uint8]) -> list[str]:
     ]
 
 
-FRAME_RATE = 30.0
+MAX_FRAME_RATE = 30.0
 """Most pictures a second: a terminal takes long to show one."""
 
-RESIZE_SECONDS = 0.1
+RESIZE_CHECK_SECONDS = 0.1
 """Seconds between checks of the terminal's size, at rest."""
 
-VARIABLE = "RASTERJIT_TERMINAL"
+PROTOCOL_VARIABLE = "RASTERJIT_TERMINAL"
 """Environment variable that names the graphics protocol, in place of asking the terminal."""
 
 PROTOCOLS = ("kitty", "sixel", "blocks")
 
-ANSWER_SECONDS = 1.0
+ANSWER_TIMEOUT_SECONDS = 1.0
 """Seconds to wait for a terminal's answers; those far away answer within a quarter."""
 
-QUESTIONS = "\x1b_Gi=31,s=1,v=1,a=q,t=d,f=24;AAAA\x1b\\\x1b[16t\x1b[c"
+TERMINAL_QUERIES = "\x1b_Gi=31,s=1,v=1,a=q,t=d,f=24;AAAA\x1b\\\x1b[16t\x1b[c"
 """Does it know kitty's graphics; how many pixels has a cell; what else can it do. All terminals
 answer the last one, so that nobody waits for an answer to the others."""
 
-ATTRIBUTES = re.compile(rb"\x1b\[\?([\d;]+)c")
-CELL = re.compile(rb"\x1b\[6;(\d+);(\d+)t")
+ATTRIBUTES_ANSWER = re.compile(rb"\x1b\[\?([\d;]+)c")
+CELL_ANSWER = re.compile(rb"\x1b\[6;(\d+);(\d+)t")
 KITTY_ANSWER = b"\x1b_Gi=31;OK"
 SIXEL_ATTRIBUTE = b"4"
 
 DEFAULT_CELL = (8, 16)
 """Default width and height of a cell, pixels; events count in these."""
 
-MAX_PIXELS = 1_000_000
+MAX_PICTURE_PIXELS = 1_000_000
 """Most pixels of a picture; larger terminals get coarser ones."""
 
-RELEASE_SECONDS = 0.12
+KEY_RELEASE_SECONDS = 0.12
 """Seconds after which a key counts as released where terminals do not tell: those that repeat it
 have done so."""
 
 TRUE_COLORS = 1 << 24
 """Number of colours of terminals with 24-bit colour."""
 
-FLY_NAMES = {"KEY_PGUP": "e", "KEY_PGDOWN": "q"}
+FLY_KEY_NAMES = {"KEY_PGUP": "e", "KEY_PGDOWN": "q"}
 """Keys that fly up and down: Q ends the viewer."""
 
 QUIT_KEY = "end"
@@ -271,22 +271,25 @@ QUIT_KEY = "end"
 HELD_KEYS = {*TURN_KEYS, *MOVE_KEYS}
 """Keys that act as long as they are down; others act each time they are pressed."""
 
-NOTCH = 100.0
+WHEEL_UNITS_PER_SCROLL = 100.0
 """Wheel units of one scroll event."""
 
-MIN_WIDTH = 12
+MIN_WRAP_COLUMNS = 12
 """Least columns of a wrapped cell; in smaller terminals it is cut off."""
 
-GAP = 2
+COLUMN_GAP = 2
 """Columns between the cells of a panel."""
 
-NAMES = {
+KEY_NAMES = {
     "KEY_UP": "ArrowUp", "KEY_DOWN": "ArrowDown", "KEY_LEFT": "ArrowLeft",
     "KEY_RIGHT": "ArrowRight", "KEY_HOME": "Home", "KEY_ESCAPE": "Escape",
 }  # fmt: skip
 """Names of keys in events."""
 
-LAST_ROWS: tuple[Row, ...] = (("Page up, down", "fly up, down"), ("Q", "ends it, as Escape does"))
+TERMINAL_HELP_ROWS: tuple[Row, ...] = (
+    ("Page up, down", "fly up, down"),
+    ("Q", "ends it, as Escape does"),
+)
 """Rows of the help that only terminals have."""
 
 ORBIT_KEYS = (
@@ -304,7 +307,7 @@ BEGIN, END = "\x1b[?2026h", "\x1b[?2026l"
 """Escape codes around a synchronized update, where terminals can do that."""
 
 
-class Abilities(NamedTuple):
+class TerminalGraphics(NamedTuple):
     """Graphics that a terminal supports."""
 
     protocol: str
@@ -313,7 +316,7 @@ class Abilities(NamedTuple):
     """Width and height of a cell, pixels."""
 
 
-def query_terminal(reading: int, write: Callable[[str], None]) -> Abilities:
+def query_terminal(reading: int, write: Callable[[str], None]) -> TerminalGraphics:
     """
     Ask a terminal for its graphics protocol and cell size; it must be in cbreak mode.
 
@@ -329,24 +332,24 @@ def query_terminal(reading: int, write: Callable[[str], None]) -> Abilities:
     ValueError
         If the environment variable ``RASTERJIT_TERMINAL`` is set to what is no way.
     """
-    forced = os.environ.get(VARIABLE)
+    forced = os.environ.get(PROTOCOL_VARIABLE)
     if forced:
-        one_of(VARIABLE, forced, PROTOCOLS)
+        one_of(PROTOCOL_VARIABLE, forced, PROTOCOLS)
     if forced == "blocks":
-        return Abilities("blocks", DEFAULT_CELL)
-    write(QUESTIONS)
-    answer, limit = b"", time.monotonic() + ANSWER_SECONDS
-    while (rest := limit - time.monotonic()) > 0.0 and not ATTRIBUTES.search(answer):
+        return TerminalGraphics("blocks", DEFAULT_CELL)
+    write(TERMINAL_QUERIES)
+    answer, limit = b"", time.monotonic() + ANSWER_TIMEOUT_SECONDS
+    while (rest := limit - time.monotonic()) > 0.0 and not ATTRIBUTES_ANSWER.search(answer):
         if select.select([reading], [], [], rest)[0]:
             part = os.read(reading, 1 << 12)
             if not part:
                 break
             answer += part
-    attributes, cell = ATTRIBUTES.search(answer), CELL.search(answer)
+    attributes, cell = ATTRIBUTES_ANSWER.search(answer), CELL_ANSWER.search(answer)
     size = (int(cell[2]), int(cell[1])) if cell else DEFAULT_CELL
     can_sixel = attributes is not None and SIXEL_ATTRIBUTE in attributes[1].split(b";")
     detected = "kitty" if KITTY_ANSWER in answer else "sixel" if can_sixel else "blocks"
-    return Abilities(forced or detected, size if min(size) > 0 else DEFAULT_CELL)
+    return TerminalGraphics(forced or detected, size if min(size) > 0 else DEFAULT_CELL)
 
 
 class Screen:
@@ -366,7 +369,7 @@ class Screen:
 
     def __init__(
         self,
-        abilities: Abilities,
+        abilities: TerminalGraphics,
         write: Callable[[str], None],
         measure: Callable[[], tuple[int, int]],
         is_true: bool = True,
@@ -416,7 +419,7 @@ class Screen:
         """Show a picture, (H, W, 4) uint8."""
         colors = np.ascontiguousarray(picture[:, :, :3])
         if self.abilities.protocol == "blocks":
-            lines = half_blocks(colors, self._is_true)
+            lines = encode_half_blocks(colors, self._is_true)
             text = "".join(
                 _at(row) + line
                 for row, line in enumerate(lines)
@@ -425,13 +428,13 @@ class Screen:
             self._lines = lines
         elif self.abilities.protocol == "sixel":
             scale = self._pixel_scale
-            text = _at(0) + sixel(colors.repeat(scale, axis=0).repeat(scale, axis=1))
+            text = _at(0) + encode_sixel(colors.repeat(scale, axis=0).repeat(scale, axis=1))
         else:
             before, self._shown = self._shown, 2 if self._shown == 1 else 1
-            text = _at(0) + kitty(colors, self._shown, self.picture_cells)
+            text = _at(0) + encode_kitty(colors, self._shown, self.picture_cells)
             text += delete_kitty(before) if before else ""
         # A picture goes over the panel.
-        self._write(BEGIN + text + "".join(map(_place_line, enumerate(self._panel_lines))) + END)
+        self._write(BEGIN + text + "".join(map(_format_line, enumerate(self._panel_lines))) + END)
 
     # What else there is.
 
@@ -446,7 +449,7 @@ class Screen:
         """Width of a picture's pixel, in pixels of the terminal."""
         columns, lines = self.picture_cells
         pixels = columns * self.abilities.cell[0] * lines * self.abilities.cell[1]
-        return int(np.ceil(np.sqrt(pixels / MAX_PIXELS)))
+        return int(np.ceil(np.sqrt(pixels / MAX_PICTURE_PIXELS)))
 
     def update_size(self, text_rows: int | None = None) -> None:
         """Update the size of the terminal, and the number of text lines below."""
@@ -472,8 +475,8 @@ class Screen:
     def pause(self) -> float:
         """Seconds until a picture is due."""
         if not self._is_due:
-            return RESIZE_SECONDS
-        return max(0.0, self._drawn_at + 1.0 / FRAME_RATE - time.monotonic())
+            return RESIZE_CHECK_SECONDS
+        return max(0.0, self._drawn_at + 1.0 / MAX_FRAME_RATE - time.monotonic())
 
     def draw(self) -> None:
         """Draw and show the picture that is due, if any."""
@@ -492,14 +495,14 @@ class Screen:
             Whether the picture must be shown again, because a panel that lay over it is smaller.
         """
         columns, lines = self.cells
-        rows = panel_lines(panel, columns, lines - self.text_rows) if panel else []
+        rows = format_panel(panel, columns, lines - self.text_rows) if panel else []
         panel_rows = [f"{PANEL}{row}{NORMAL}" for row in rows]
         bottom = [
             f"{_at(lines - len(last) + k)}{STATUS}{text[:columns].ljust(columns)[:columns]}{NORMAL}"
             for k, text in enumerate(last)
         ]
         text = (
-            "".join(map(_place_line, enumerate(panel_rows)))
+            "".join(map(_format_line, enumerate(panel_rows)))
             if panel_rows != self._panel_lines
             else ""
         )
@@ -524,11 +527,11 @@ def _at(line: int) -> str:
     return f"\x1b[{line + 1};1H"
 
 
-def _place_line(numbered: tuple[int, str]) -> str:
+def _format_line(numbered: tuple[int, str]) -> str:
     return _at(numbered[0]) + numbered[1]
 
 
-def panel_lines(rows: Sequence[Row], columns: int, lines: int) -> list[str]:
+def format_panel(rows: Sequence[Row], columns: int, lines: int) -> list[str]:
     """
     Format rows of cells as lines of text of one width that fit the terminal.
 
@@ -541,13 +544,13 @@ def panel_lines(rows: Sequence[Row], columns: int, lines: int) -> list[str]:
     """
     count = max(map(len, rows))
     widths = [
-        max((len(row[k]) for row in rows if k < len(row) > 1), default=0) + GAP
+        max((len(row[k]) for row in rows if k < len(row) > 1), default=0) + COLUMN_GAP
         for k in range(count)
     ]
     output = []
     for *cells, last in rows:
         start = " " + "".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=False))
-        folded = wrap(last, max(columns - len(start) - 1, MIN_WIDTH)) or [""]
+        folded = wrap(last, max(columns - len(start) - 1, MIN_WRAP_COLUMNS)) or [""]
         output.append(start + folded[0])
         output += [" " * len(start) + more for more in folded[1:]]
     width = min(max(map(len, output)) + 1, columns)
@@ -556,7 +559,7 @@ def panel_lines(rows: Sequence[Row], columns: int, lines: int) -> list[str]:
     return [text.ljust(width) if len(text) <= width else text[: width - 1] + "…" for text in output]
 
 
-def last_line(viewer: Viewer, columns: int) -> str:
+def format_key_line(viewer: Viewer, columns: int) -> str:
     """Return the most important keys, as many as fit."""
     keys: tuple[str, ...] = ("Q end", f"{viewer.help_key} help")
     if viewer.has_usual_keys:
@@ -593,11 +596,15 @@ class InputReader:
         if name.startswith("MOUSE_"):
             self._read_mouse(name, *stroke.mouse_xy)
             return ""
-        key = NAMES.get(name) or NAMES.get(stroke.key_name or "") or str(stroke.value or stroke)
+        key = (
+            KEY_NAMES.get(name)
+            or KEY_NAMES.get(stroke.key_name or "")
+            or str(stroke.value or stroke)
+        )
         if name == "KEY_CTRL_C" or key in ("\x03", "q", "Q"):
             return "" if stroke.released else QUIT_KEY
-        key = FLY_NAMES.get(name) or FLY_NAMES.get(stroke.key_name or "") or key
-        if len(key) != 1 and key not in NAMES.values():
+        key = FLY_KEY_NAMES.get(name) or FLY_KEY_NAMES.get(stroke.key_name or "") or key
+        if len(key) != 1 and key not in KEY_NAMES.values():
             return ""
         if stroke.released:
             self._release(key)
@@ -616,7 +623,9 @@ class InputReader:
         """Release keys that were not repeated, if the terminal does not report releases."""
         if not self._sends_releases:
             now = time.monotonic()
-            for key in [key for key, since in self._down.items() if now - since > RELEASE_SECONDS]:
+            for key in [
+                key for key, since in self._down.items() if now - since > KEY_RELEASE_SECONDS
+            ]:
                 self._release(key)
 
     def _release(self, key: str) -> None:
@@ -632,7 +641,7 @@ class InputReader:
         y = (line + 0.5) * height / lines / ratio
         point = {"x": x, "y": y, "modifiers": ("Shift",) if "SHIFT" in name else ()}
         if "SCROLL" in name:
-            notch = -NOTCH if "UP" in name else NOTCH
+            notch = -WHEEL_UNITS_PER_SCROLL if "UP" in name else WHEEL_UNITS_PER_SCROLL
             self._screen.submit({"event_type": "wheel", "dx": 0.0, "dy": notch, **point})
             return
         kind = "move" if "MOTION" in name else "up" if "RELEASED" in name else "down"
@@ -652,7 +661,7 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
     ValueError
         If standard input or output is no terminal.
     """
-    if not at_terminal():
+    if not is_at_terminal():
         raise ValueError(
             "backend must not be 'terminal' where standard input or output is none, but a file or "
             "a pipe"
@@ -668,7 +677,7 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
     viewer.draw()
     terminal = blessed.Terminal(stream=sys.__stdout__)
     with _capture_output(), _take_over(terminal) as sends_releases:
-        _run(viewer, terminal, sends_releases, title)
+        _run_loop(viewer, terminal, sends_releases, title)
 
 
 @contextlib.contextmanager
@@ -701,12 +710,12 @@ def _take_over(terminal: Any) -> Iterator[bool]:
         with (
             terminal.fullscreen(), terminal.hidden_cursor(), terminal.cbreak(),
             terminal.enable_kitty_keyboard(
-                report_events=True, report_all_keys=True, timeout=ANSWER_SECONDS
+                report_events=True, report_all_keys=True, timeout=ANSWER_TIMEOUT_SECONDS
             ),
-            terminal.mouse_enabled(report_drag=True, timeout=ANSWER_SECONDS),
+            terminal.mouse_enabled(report_drag=True, timeout=ANSWER_TIMEOUT_SECONDS),
         ):  # fmt: skip
             try:
-                state = terminal.get_kitty_keyboard_state(timeout=ANSWER_SECONDS)
+                state = terminal.get_kitty_keyboard_state(timeout=ANSWER_TIMEOUT_SECONDS)
                 yield bool(state is not None and state.report_events)
             finally:
                 # Answers that are still on their way would stand at the prompt.
@@ -717,7 +726,7 @@ def _take_over(terminal: Any) -> Iterator[bool]:
             signal.signal(signal.SIGTERM, old_handler)
 
 
-def _run(viewer: Viewer, terminal: Any, sends_releases: bool, title: str) -> None:
+def _run_loop(viewer: Viewer, terminal: Any, sends_releases: bool, title: str) -> None:
     """Run the event loop until a key ends it."""
     stream = terminal.stream
 
@@ -725,32 +734,32 @@ def _run(viewer: Viewer, terminal: Any, sends_releases: bool, title: str) -> Non
         stream.write(text)
         stream.flush()
 
-    abilities = Abilities("blocks", DEFAULT_CELL)
+    abilities = TerminalGraphics("blocks", DEFAULT_CELL)
     if sys.platform != "win32":
         abilities = query_terminal(sys.__stdin__.fileno(), write)
     is_true = terminal.number_of_colors >= TRUE_COLORS
-    screen = Screen(abilities, write, _size_getter(terminal), is_true)
+    screen = Screen(abilities, write, _make_size_getter(terminal), is_true)
     reader = InputReader(screen, sends_releases)
     write(f"\x1b]2;{title}\x07")
     CanvasDriver(viewer, screen)
     try:
         # Some terminals send Ctrl-C as a key, others interrupt.
         with contextlib.suppress(KeyboardInterrupt):
-            while _update(viewer, screen, reader, terminal):
+            while _run_step(viewer, screen, reader, terminal):
                 pass
     finally:
         screen.submit({"event_type": "close"})
         screen.clear()
 
 
-def _size_getter(terminal: Any) -> Callable[[], tuple[int, int]]:
+def _make_size_getter(terminal: Any) -> Callable[[], tuple[int, int]]:
     """Return a function that returns the columns and lines of a terminal."""
     return lambda: (terminal.width, terminal.height)
 
 
-def _update(viewer: Viewer, screen: Screen, reader: InputReader, terminal: Any) -> bool:
+def _run_step(viewer: Viewer, screen: Screen, reader: InputReader, terminal: Any) -> bool:
     """Wait for keys until a picture is due and draw it; False to quit."""
-    stroke = terminal.inkey(timeout=screen.pause, esc_delay=RELEASE_SECONDS)
+    stroke = terminal.inkey(timeout=screen.pause, esc_delay=KEY_RELEASE_SECONDS)
     while stroke:
         key = reader.read(stroke)
         if key == QUIT_KEY:
@@ -759,17 +768,17 @@ def _update(viewer: Viewer, screen: Screen, reader: InputReader, terminal: Any) 
             return False
         if key:
             reader.press(key)
-        stroke = terminal.inkey(timeout=0, esc_delay=RELEASE_SECONDS)
+        stroke = terminal.inkey(timeout=0, esc_delay=KEY_RELEASE_SECONDS)
     reader.release_stale()
     screen.update_size(1 + viewer.shows_line)
     status = [f" {viewer.line}"] if viewer.shows_line else []
-    if screen.write_text(panel_of(viewer), [*status, last_line(viewer, screen.cells[0])]):
+    if screen.write_text(get_panel(viewer), [*status, format_key_line(viewer, screen.cells[0])]):
         screen.set_bitmap(viewer.draw())
     screen.draw()
     return True
 
 
-def panel_of(viewer: Viewer) -> Sequence[Row]:
+def get_panel(viewer: Viewer) -> Sequence[Row]:
     """Return the rows of the panel: help, the explanation of a pixel, or costs."""
     rows = viewer.panel_rows
-    return (*rows, *LAST_ROWS) if rows is HELP else rows
+    return (*rows, *TERMINAL_HELP_ROWS) if rows is HELP_ROWS else rows

@@ -42,43 +42,43 @@ from rasterjit.viewer import effect_switches
 from rasterjit.viewer.controls import Event, Fly, Orbit
 from rasterjit.viewer.overlay import OUTPUTS_OF, Row, as_rows, mark_pixel, to_picture, write_panel
 
-KINDS = {"1": "color", "2": "depth", "3": "normal", "4": "object_id", "5": "face_id"}
-"""Kinds of pictures by key."""
+KIND_KEYS = {"1": "color", "2": "depth", "3": "normal", "4": "object_id", "5": "face_id"}
+"""Kind of picture by the key that shows it."""
 
-NAMES = {
+KIND_NAMES = {
     "color": "colour", "depth": "depth", "normal": "normals", "object_id": "objects",
     "face_id": "faces",
 }  # fmt: skip
 """Display names of the kinds."""
 
-CLICK = 3.0
+MAX_CLICK_PIXELS = 3.0
 """Largest distance of the pointer between press and release of a click, pixels."""
 
-MAX_STEP = 0.1
-"""Most time that passes at once for a camera, beside that of drawing a picture, seconds: after a
-pause it does not jump."""
+MAX_STEP_SECONDS = 0.1
+"""Longest time by which a camera advances at once, beside that of drawing a picture: after a pause
+it does not jump."""
 
-FRAME_SECONDS = 0.012
-"""Seconds for a picture while something moves: half of what there is where 45 are shown in a
-second. To code it, and to decode it in a page on the same machine, takes the other half."""
+FRAME_BUDGET_SECONDS = 0.012
+"""Time to draw a picture while something moves: about half of a frame at 45 Hz. Encoding it, and
+decoding it in a page on the same machine, takes the other half."""
 
 PREVIEW = replace(Quality.draft(), shading="pixel")
-"""Quality of pictures while something moves until times are known; the lowest of all."""
+"""Lowest quality: that of moving pictures until times are known."""
 
 FIRST_QUALITY = Quality(samples=4)
-"""Quality of the first picture at rest: soon there, with smooth edges."""
+"""Quality of the first picture at rest: fast, with smooth edges."""
 
 MAX_OVERRUN = 1.5
-"""Times over the budget from which on what moves is drawn in half as many pixels a side, four times
-faster or so; that goes on until four times its time is less again."""
+"""Ratio to the budget above which moving pictures are drawn with half as many pixels a side, about
+four times faster; they are so until four times their time is below the ratio again."""
 
 SHRINK = 2
-"""Factor by which the sides of such a picture are smaller."""
+"""Factor by which the sides of coarse pictures are smaller."""
 
-COMPILE_SHARE = 0.1
-"""Share of compiling in a picture's time from which on it is mentioned."""
+MIN_COMPILE_SHARE = 0.1
+"""Share of compiling in a picture's time above which the status line mentions it."""
 
-HELP: tuple[Row, ...] = (
+HELP_ROWS: tuple[Row, ...] = (
     ("drag", "turn (look around, when flying)"),
     ("right drag, Shift drag", "pan"),
     ("wheel", "zoom to the cursor (speed, when flying)"),
@@ -86,7 +86,7 @@ HELP: tuple[Row, ...] = (
     ("C", "orbit or fly: W A S D, Q E down and up, Shift faster"),
     ("F  R", "fit the scene, return to the start"),
     ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
-    *effect_switches.help_rows(),
+    *effect_switches.make_help_rows(),
     ("M", "what the effects cost"),
     ("click", "explain a pixel; Escape closes that, and help"),
     ("I  H", "hide or show the line below, this help"),
@@ -99,52 +99,51 @@ class _OutdatedError(Exception):
 
 class Viewer:
     """
-    Shows a scene, whose camera the user moves.
+    Shows a scene whose camera the user moves: events and time go in, pictures come out.
 
     Parameters
     ----------
     what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
         Not changed, and not to be changed while it is shown.
     camera : Camera, optional
-        Where it starts. Default: the scene's own camera, else one that fits the scene.
+        The first view. Default: the scene's own camera, else one that fits the scene.
     size : (int, int)
         Width and height of the pictures, pixels.
     background : color, optional
         As `rasterjit.render` takes it, but no picture; what is transparent is shown before white.
     cull : {"none", "back", "front"}
-        Faces that are dropped.
+        Faces that are not drawn.
     up : (3,) array_like, world space, optional
-        What stays up when the camera turns. Default: what the scene says, else y.
+        Direction that stays up when the camera turns. Default: that of the scene, else y.
     time_budget : float
-        Seconds for a picture while something moves, by which its quality is chosen; the fastest, if
-        all take longer, and with half as many pixels a side if that takes much longer. Times are
-        measured at rest; until then, and always for depth, normals and numbers, the quality is
+        Seconds for a picture while something moves, by which its quality is chosen. If all take
+        longer, the fastest is; if that takes much longer, with half as many pixels a side. Times
+        are measured at rest; until then, and always for depth, normals and numbers, the quality is
         ``Quality.draft()`` with light for each pixel.
     name : str
-        What is shown, for the line at the bottom.
+        Name of the scene in the status line.
     threads : int, optional
         Default: all processors.
 
     Attributes
     ----------
     controls : Orbit or Fly
-        The camera that is moved.
+        The controls that move the camera.
     is_hurried : bool
-        Whether what moves is drawn in half as many pixels a side at once, since to show it takes
-        long.
+        Whether moving pictures are drawn with half as many pixels a side from the start, because
+        the backend is slow.
     version : int
-        Grows whenever what is seen changes.
+        Grows whenever the view or the scene changes.
     writes_text : bool
-        Whether help, numbers and the line at the bottom are written on the pictures.
+        Whether panels and the status line are drawn on the pictures.
     enlarges : bool
-        Whether pictures with half as many pixels a side are made as large as the others; who shows
-        them does so otherwise.
+        Whether pictures with half as many pixels a side are enlarged; else the backend does so.
     is_live : bool
-        Whether what is shown may change by itself, when `advance` is called.
+        Whether the scene may change by itself, when `advance` is called.
     help_rows : tuple of tuple of str
-        What the key for help shows.
+        Rows of the help.
     help_key : str
-        That key.
+        Key that shows the help.
 
     Raises
     ------
@@ -153,7 +152,7 @@ class Viewer:
     """
 
     is_live = False
-    help_rows: tuple[Row, ...] = HELP
+    help_rows: tuple[Row, ...] = HELP_ROWS
     help_key = "H"
 
     def __init__(
@@ -165,7 +164,7 @@ class Viewer:
         background: Background = None,
         cull: Cull = "none",
         up: Any = None,
-        time_budget: float = FRAME_SECONDS,
+        time_budget: float = FRAME_BUDGET_SECONDS,
         name: str = "",
         threads: int | None = None,
     ) -> None:
@@ -184,7 +183,7 @@ class Viewer:
             linear_color("background", background)
         self._options = {"background": background, "cull": cull}
         self._budget = positive_number("time_budget", time_budget)
-        self._times = self._new_times()
+        self._times = self._make_times()
         # A view that fits the scene is fitted again where the picture has another shape.
         self._is_fitted = camera is None and self.scene.camera is None
         self._first = choose_camera(self.scene, camera, self.size)
@@ -194,12 +193,14 @@ class Viewer:
         upward = self.scene.up or (0.0, 1.0, 0.0) if up is None else up
         self.controls: Orbit | Fly = Orbit.from_camera(self._first, self._ball, upward, self.size)
         self._threads = threads
-        # Held by who takes what was found for a version, and by who begins another.
+        # Held while a result of a version is stored, and while a new version begins.
         self._lock = threading.Lock()
         self.version = 0
         self.kind = "color"
         self._switched: list[str] = []
-        self._modes = {key: one.mode_of(self.scene) for key, one in effect_switches.MODAL.items()}
+        self._modes = {
+            key: one.mode_of(self.scene) for key, one in effect_switches.MODAL_EFFECTS.items()
+        }
         self._hidden: frozenset[int] = frozenset()
         self._visible = self.scene
         self._message = ""
@@ -210,19 +211,19 @@ class Viewer:
         self.costs: dict[str, float] | None = None
         self._frame: Frame | None = None
         self._frame_version = -1
-        self._seconds = self._drawing = 0.0
+        self._seconds = self._drawing_seconds = 0.0
         self._has_compiled = False
-        self._moving = _renderer(self.size, threads)
-        # Draws what moves in half as many pixels a side, if a picture in full size and the fastest
-        # quality takes these seconds.
+        self._moving = _make_renderer(self.size, threads)
+        # Draws moving pictures with half as many pixels a side, if a picture in full size takes too
+        # many seconds even in the lowest quality: the shorter of the last two times, and the last.
         self._coarse: Renderer | None = None
-        self._fastest = self._latest = 0.0
+        self._full_size_seconds = self._last_full_size_seconds = 0.0
         self._steps: Iterator[bool] = iter(())
         self._steps_version, self._finished = -1, False
-        # Of the version whose picture becomes no better.
+        # The version whose picture is final.
         self._best_version = -1
-        self._count = 0
-        # What is wrong is said at once.
+        self._frame_count = 0
+        # Raise now if the scene cannot be drawn.
         explain(self.scene, self.camera, size=self.size, **self._options)
 
     def close(self) -> None:
@@ -234,7 +235,7 @@ class Viewer:
         self._close_renderers()
 
     def twin(self) -> Viewer:
-        """Return another viewer of the same scene, with a camera of its own at the first view."""
+        """Return another viewer of the same scene, whose camera starts at the first view."""
         return Viewer(self.scene, **self._arguments)
 
     @property
@@ -244,7 +245,7 @@ class Viewer:
 
     @property
     def look(self) -> tuple[str, tuple[str, ...], dict[str, str | None]]:
-        """Kind of picture, names of switched effects, and modes by key: see `set_look`."""
+        """Kind of picture, names of switched effects, and modes by key, see `set_look`."""
         return self.kind, tuple(self._switched), dict(self._modes)
 
     @property
@@ -260,7 +261,7 @@ class Viewer:
     @property
     def cost_rows(self) -> list[Row]:
         """Costs of the effects, as rows; none unless switched on."""
-        return self._cost_rows() if self._shows_costs else []
+        return self._format_costs() if self._shows_costs else []
 
     @property
     def panel_rows(self) -> Sequence[Row]:
@@ -299,10 +300,10 @@ class Viewer:
         """The status line: what is shown, its quality and time."""
         width, height = self.size
         parts = [self.name] if self.name else []
-        parts += [NAMES[self.kind], f"{width} x {height}"]
+        parts += [KIND_NAMES[self.kind], f"{width} x {height}"]
         if self._frame is not None:
             plan = self._frame.plan
-            # The first two words say most: standard samples=4.
+            # The first two words are the most important: standard samples=4.
             words = str(plan.quality).split(" ")
             quality = " ".join([*words[:2], "..."] if len(words) > 2 else words)
             if plan.pictures > 1:
@@ -318,14 +319,14 @@ class Viewer:
 
     @property
     def has_usual_keys(self) -> bool:
-        """Whether keys do what ``HELP`` says."""
-        return self.help_rows is HELP
+        """Whether keys do what ``HELP_ROWS`` says."""
+        return self.help_rows is HELP_ROWS
 
     @property
     def stamp(self) -> tuple[Any, ...]:
         """A key of the picture: while it is the same, so is what `draw` returns."""
         panels = self._shows_help, self._shows_line, self._shows_costs, self.costs is None
-        content = self.version, self._count, id(self.explanation), self._message
+        content = self.version, self._frame_count, id(self.explanation), self._message
         return *content, *panels, self.is_done
 
     def fail(self, error: Exception) -> None:
@@ -351,17 +352,17 @@ class Viewer:
             return
         self.size, self.ratio = size, ratio
         self._close_renderers()
-        self._moving = _renderer(size, self._threads)
-        self._times = self._new_times()
+        self._moving = _make_renderer(size, self._threads)
+        self._times = self._make_times()
         if self._is_fitted:
             self._first = default_camera(self.scene, size, self.controls.up)
-            at_home, home = self.controls.is_home, self._home_controls(type(self.controls)).home
+            at_home, home = self.controls.is_home, self._make_home(type(self.controls)).home
             self.controls = replace(self.controls, home=home)
             if at_home:
                 self.controls = self.controls.at_home()
         self._invalidate()
 
-    def _home_controls(self, kind: type[Orbit] | type[Fly]) -> Orbit | Fly:
+    def _make_home(self, kind: type[Orbit] | type[Fly]) -> Orbit | Fly:
         """Return controls of a type at the first view."""
         up = self.controls.up
         if kind is Fly:
@@ -377,10 +378,10 @@ class Viewer:
             self._press_position = (event["x"], event["y"]) if event.get("button") == 1 else None
         elif kind == "pointer_up" and self._press_position is not None:
             position = event["x"], event["y"]
-            if math.dist(position, self._press_position) <= CLICK:
+            if math.dist(position, self._press_position) <= MAX_CLICK_PIXELS:
                 self.pick(int(position[0] * self.ratio), int(position[1] * self.ratio))
             self._press_position = None
-        depth = self._depth_under(event) if kind == "wheel" else None
+        depth = self._get_depth_under(event) if kind == "wheel" else None
         width, height = self.size
         logical = width / self.ratio, height / self.ratio
         before = self.camera
@@ -392,7 +393,9 @@ class Viewer:
         """Advance the camera by a time, seconds."""
         if not self.is_moving:
             return
-        self.controls = self.controls.advance(min(seconds, MAX_STEP + self._drawing))
+        self.controls = self.controls.advance(
+            min(seconds, MAX_STEP_SECONDS + self._drawing_seconds)
+        )
         if self.controls.is_resting:
             self.controls = self.controls.at_rest()
         self._invalidate()
@@ -400,33 +403,33 @@ class Viewer:
     def look_from(self, camera: Camera) -> None:
         """Look from a camera, without its roll."""
         orbit = Orbit.from_camera(camera, self._ball, self.controls.up, self.size)
-        self.controls = replace(orbit, home=self._home_controls(Orbit).home)
+        self.controls = replace(orbit, home=self._make_home(Orbit).home)
         self._invalidate()
 
     def set_look(self, kind: str, switched: Sequence[str], modes: Mapping[str, str | None]) -> None:
         """
-        Set the kind of picture and the switched effects; ignore those that the scene has not.
+        Set the kind of picture and the switched effects; ignore effects that the scene lacks.
 
         Parameters
         ----------
         kind : str
-            A key of ``NAMES``.
-        toggle : sequence of str
-            Names of the effects that are off where the scene has them, on where it has not.
+            A key of ``KIND_NAMES``.
+        switched : sequence of str
+            Names of the effects that are switched: off where the scene has them, else on.
         modes : mapping of str to str or None
-            By key, what an effect of several modes does; None is off. Others stay.
+            Mode of effects with several modes, by key; None is off. Other modes stay.
 
         Raises
         ------
         ValueError
             If a kind, an effect, a key or a mode is not known.
         """
-        one_of("kind", kind, tuple(NAMES))
+        one_of("kind", kind, tuple(KIND_NAMES))
         for name in switched:
-            one_of("switched", name, tuple(effect_switches.KEYS.values()))
+            one_of("switched", name, tuple(effect_switches.EFFECT_KEYS.values()))
         for key, mode in modes.items():
-            one_of("modes", key, tuple(effect_switches.MODAL))
-            one_of(f"modes[{key!r}]", mode, (None, *effect_switches.MODAL[key].modes))
+            one_of("modes", key, tuple(effect_switches.MODAL_EFFECTS))
+            one_of(f"modes[{key!r}]", mode, (None, *effect_switches.MODAL_EFFECTS[key].modes))
         self.kind = kind
         self._switched = []
         self._set_modes(modes)
@@ -458,7 +461,7 @@ class Viewer:
                 self._hidden, self._message = before, problem
 
     def pick(self, column: int, row: int) -> None:
-        """Ask to explain a pixel; a later `step` does it."""
+        """Request the explanation of a pixel, which a later `step` computes."""
         width, height = self.size
         if 0 <= column < width and 0 <= row < height:
             self._pixel_to_explain = column, row
@@ -468,8 +471,8 @@ class Viewer:
         """
         Return the best picture that exists, (H, W, 4) uint8, sRGB, opaque, with its text.
 
-        If there is none it is drawn now, in the time that there is for it. While something moves
-        it may be half as high and wide, if `enlarges` is false.
+        A missing one is drawn now, within the time budget. While something moves it may be half as
+        high and wide, if `enlarges` is false.
         """
         picture = self.picture()
         self._draw_overlay(picture)
@@ -482,10 +485,10 @@ class Viewer:
         if not is_current:
             version = self.version
             start = perf_counter()
-            moving = self._draw_moving()
-            self._drawing = quality_selection.seconds_of(moving)
-            # A step may have been faster, and its picture is better.
-            frame = self._keep(moving, version, perf_counter() - start, is_best=False)
+            drawn = self._draw_moving()
+            self._drawing_seconds = quality_selection.seconds_of(drawn)
+            # A step may have stored a better frame meanwhile.
+            frame = self._store_frame(drawn, version, perf_counter() - start, is_best=False)
         picture = to_picture(frame, self.kind, self.numbers if self._hidden else None)
         return self._enlarge(picture) if self.enlarges else picture
 
@@ -498,25 +501,26 @@ class Viewer:
             return renderer.render(scene, camera, outputs=outputs, **self._options)
 
         is_known = self.kind == "color" and self._times.is_known
-        if self.is_hurried or self._fastest > MAX_OVERRUN * self._budget:
+        if self.is_hurried or self._full_size_seconds > MAX_OVERRUN * self._budget:
             if self._coarse is None:
-                self._coarse = _renderer(_half(self.size), self._threads)
+                self._coarse = _make_renderer(_halve(self.size), self._threads)
             frame = draw(PREVIEW, self._coarse)
-            self._fastest = SHRINK * SHRINK * quality_selection.seconds_of(frame)
+            self._full_size_seconds = SHRINK * SHRINK * quality_selection.seconds_of(frame)
         elif is_known:
             frame = quality_selection.draw_by_known_times(self._budget, self._times, draw)
         else:
             frame = draw(PREVIEW)
         if frame.plan.size == self.size:
-            # Two in a row are slow: not by chance, nor because the first one gets memory.
+            # Only two slow ones in a row count: the first one may have allocated memory.
             seconds = quality_selection.seconds_of(frame) if frame.plan.quality == PREVIEW else 0.0
-            self._fastest, self._latest = min(seconds, self._latest), seconds
+            self._full_size_seconds = min(seconds, self._last_full_size_seconds)
+            self._last_full_size_seconds = seconds
         return frame
 
     def _enlarge(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Enlarge a picture of half the size to the full one, each pixel doubled."""
         width, height = self.size
-        if picture.shape[1::-1] != _half(self.size) or self.size == (1, 1):
+        if picture.shape[1::-1] != _halve(self.size) or self.size == (1, 1):
             return picture
         return picture.repeat(SHRINK, axis=0).repeat(SHRINK, axis=1)[:height, :width].copy()
 
@@ -525,16 +529,17 @@ class Viewer:
         self._moving.close()
         if self._coarse is not None:
             self._coarse.close()
-        self._coarse, self._fastest, self._latest = None, 0.0, 0.0
+        self._coarse = None
+        self._full_size_seconds = self._last_full_size_seconds = 0.0
 
-    def _new_times(self) -> quality_selection.FrameTimes:
+    def _make_times(self) -> quality_selection.FrameTimes:
         """
-        Return times of a scene that was not drawn yet: none.
+        Return an empty record of the times of the scene in each quality.
 
-        What the machine's profile tells of qualities that were not drawn yet would be chosen while
-        something moves, and compiled then.
+        The machine's profile is not used: a quality that was never drawn could be chosen, and
+        compiled, while something moves.
         """
-        # Light for each vertex is hardly faster, and shows.
+        # Light for each vertex is hardly faster, but visibly worse.
         better = [one for one in quality_selection.get_ladder() if one.shading == "pixel"]
         return quality_selection.FrameTimes((PREVIEW, *better), {})
 
@@ -542,7 +547,7 @@ class Viewer:
         """
         Do the next step that improves the picture or measures times; tell whether there was one.
 
-        It may run in another thread than all else; not in two at a time.
+        May run in another thread than all else, but not in two at a time.
         """
         if self.is_moving:
             return False
@@ -565,12 +570,12 @@ class Viewer:
             if self.version != version:
                 raise _OutdatedError
 
-        with _renderer(self.size, self._threads) as renderer:
+        with _make_renderer(self.size, self._threads) as renderer:
             renderer.on_picture = check_version
             if kind != "color" and not is_best:
                 start, outputs = perf_counter(), OUTPUTS_OF[kind]
                 frame = renderer.render(scene, camera, outputs=outputs, **self._options)
-                self._keep(frame, version, perf_counter() - start)
+                self._store_frame(frame, version, perf_counter() - start)
                 yield True
             if self._pixel_to_explain is not None:
                 pixel, self._pixel_to_explain = self._pixel_to_explain, None
@@ -579,7 +584,7 @@ class Viewer:
                     if version == self.version:
                         self.explanation = explanation
                     elif self._pixel_to_explain is None and self.camera == camera:
-                        # The same pixel of the same view is to be explained anew.
+                        # The view is the same: explain the pixel again.
                         self._pixel_to_explain = pixel
                 yield True
             frames = (
@@ -589,22 +594,22 @@ class Viewer:
                 if kind == "color" and not is_best
                 else iter(())
             )
-            for number, (frame, seconds) in enumerate(_with_times(frames)):
-                self._keep(frame, version, seconds)
+            for number, (frame, seconds) in enumerate(_time_frames(frames)):
+                self._store_frame(frame, version, seconds)
                 yield True
-                if number == 1 and self._wants_costs:
+                if number == 1 and self._needs_costs:
                     self._measure_costs(renderer, version, scene, camera)
                     yield True
                 if number == 1:
-                    draw = self._timed_drawer(renderer, version, scene, camera)
+                    draw = self._make_drawer(renderer, version, scene, camera)
                     for _ in times.calibrate(self._budget, draw):
                         yield True
-            if self._wants_costs:
+            if self._needs_costs:
                 self._measure_costs(renderer, version, scene, camera)
                 yield True
 
     @property
-    def _wants_costs(self) -> bool:
+    def _needs_costs(self) -> bool:
         """Whether costs are to be shown and not measured yet."""
         return self._shows_costs and self.costs is None
 
@@ -612,14 +617,14 @@ class Viewer:
         self, renderer: Renderer, version: int, scene: Scene, camera: Camera
     ) -> None:
         """Measure the costs of the effects."""
-        used = effect_switches.used_effects(scene, camera, renderer.size)
-        names = effect_switches.switchable(scene, used)
-        costs = effect_switches.costs(renderer, scene, camera, names)
+        used = effect_switches.find_used_effects(scene, camera, renderer.size)
+        names = effect_switches.list_switchable(scene, used)
+        costs = effect_switches.measure_costs(renderer, scene, camera, names)
         with self._lock:
             if version == self.version:
                 self.costs = costs
 
-    def _timed_drawer(
+    def _make_drawer(
         self, renderer: Renderer, version: int, scene: Scene, camera: Camera
     ) -> quality_selection.Draw:
         """Return a function that draws a scene in a quality, to be timed."""
@@ -627,31 +632,33 @@ class Viewer:
         def draw(quality: Quality) -> Frame:
             renderer.quality = quality
             frame = renderer.render(scene, camera, outputs=OUTPUTS_OF["color"], **self._options)
-            # It shared the processors with what moves.
+            # The time does not count: moving pictures shared the processors.
             if self.version != version:
                 raise _OutdatedError
             return frame
 
         return draw
 
-    def _keep(self, frame: Frame, version: int, seconds: float, is_best: bool = True) -> Frame:
+    def _store_frame(
+        self, frame: Frame, version: int, seconds: float, is_best: bool = True
+    ) -> Frame:
         """
         Store a frame and its time, unless a newer or better one is there.
 
         Returns
         -------
         Frame
-            What is to be seen.
+            The frame to show.
         """
         with self._lock:
             if self._frame is not None and self._frame_version == version and not is_best:
                 return self._frame
             if version == self.version and not self._has_better(frame):
                 self._frame, self._frame_version = frame, version
-                # Stages leave out while anything compiles, in whatever thread: here time is time.
+                # Wall-clock time, unlike that of stages, which leaves out compiling.
                 self._seconds = seconds
-                self._has_compiled = frame.stats.seconds["compile"] > COMPILE_SHARE * seconds
-                self._count += 1
+                self._has_compiled = frame.stats.seconds["compile"] > MIN_COMPILE_SHARE * seconds
+                self._frame_count += 1
         return frame
 
     def _has_better(self, frame: Frame) -> bool:
@@ -680,8 +687,8 @@ class Viewer:
     def _handle_key(self, key: str) -> bool:
         """Handle a key of the viewer; tell whether it is one."""
         key = key.lower() if len(key) == 1 else key
-        if key in KINDS:
-            self.kind = KINDS[key]
+        if key in KIND_KEYS:
+            self.kind = KIND_KEYS[key]
             self._invalidate()
         elif key == "h":
             self._shows_help = not self._shows_help
@@ -695,13 +702,13 @@ class Viewer:
         elif key == "c":
             kind = Fly if isinstance(self.controls, Orbit) else Orbit
             controls = kind.from_camera(self.camera, self._ball, self.controls.up)
-            self.controls = replace(controls, home=self._home_controls(kind).home)
+            self.controls = replace(controls, home=self._make_home(kind).home)
             self._invalidate()
-        elif key in effect_switches.MODAL:
-            modes = None, *effect_switches.MODAL[key].modes
+        elif key in effect_switches.MODAL_EFFECTS:
+            modes = None, *effect_switches.MODAL_EFFECTS[key].modes
             self._set_modes({key: modes[(modes.index(self._modes[key]) + 1) % len(modes)]})
-        elif key in effect_switches.KEYS:
-            self._toggle(effect_switches.KEYS[key])
+        elif key in effect_switches.EFFECT_KEYS:
+            self._toggle(effect_switches.EFFECT_KEYS[key])
         else:
             return False
         return True
@@ -709,8 +716,10 @@ class Viewer:
     def _toggle(self, name: str) -> None:
         """Toggle an effect, if the scene allows it."""
         before = self._switched
-        others = [one for one in before if one != name]
-        self._switched = others if name in before else [*before, name]
+        if name in before:
+            self._switched = [one for one in before if one != name]
+        else:
+            self._switched = [*before, name]
         problem = self._rebuild()
         if problem is not None:
             self._switched, self._message = before, problem
@@ -729,19 +738,19 @@ class Viewer:
         if self._hidden:
             scene = copy(scene)
             nodes = [self.scene.nodes[number] for number in self.numbers]
-            # A scene is of something: a face without area, which is never seen.
+            # A scene must not be empty: a face without area is never seen.
             scene.nodes = nodes or [Node(Mesh([self._ball.center] * 3, [[0, 1, 2]]))]
             if scene._reference is not None:
-                # What is said of each object is said of those that are left.
+                # The reference shader holds rows of objects: keep those of visible ones.
                 scene._reference = scene._reference.select_objects(self.numbers) if nodes else None
-        used = effect_switches.used_effects(scene, self.camera, self.size)
+        used = effect_switches.find_used_effects(scene, self.camera, self.size)
         for name in self._switched:
             changed = effect_switches.toggle(scene, name, used)
             if changed is None:
                 return f"the scene has nothing for {name}"
             scene = changed
         for key, mode in self._modes.items():
-            effect = effect_switches.MODAL[key]
+            effect = effect_switches.MODAL_EFFECTS[key]
             if mode != effect.mode_of(scene):
                 scene = effect.with_mode(scene, mode)
         try:
@@ -750,16 +759,16 @@ class Viewer:
             return str(error)
         self._visible = scene
         changes = [f"{name} {'off' if name in used else 'on'}" for name in self._switched]
-        self._message, self._times = ", ".join(changes), self._new_times()
+        self._message, self._times = ", ".join(changes), self._make_times()
         self._invalidate()
-        # What a step finds of the scene before does not come after this.
+        # Only after `_invalidate`: a running step must not store costs of the old scene.
         self.costs = None
         return None
 
-    def _depth_under(self, event: Event) -> float | None:
+    def _get_depth_under(self, event: Event) -> float | None:
         """Return the depth under the cursor, scene units; None where it is unknown."""
         frame = self._frame
-        if frame is None or frame.plan.size not in (self.size, _half(self.size)):
+        if frame is None or frame.plan.size not in (self.size, _halve(self.size)):
             return None
         column, row = (int(event[axis] * self.ratio) for axis in ("x", "y"))
         width, height = self.size
@@ -782,12 +791,12 @@ class Viewer:
         elif self.explanation is not None:
             write_panel(picture, as_rows(self.explanation), "top left", self.ratio)
         if self._shows_costs:
-            write_panel(picture, self._cost_rows(), "top right", self.ratio)
+            write_panel(picture, self._format_costs(), "top right", self.ratio)
         if self._shows_line:
             line = f"{self.line}   {self.help_key} help"
             write_panel(picture, [(line,)], "bottom left", self.ratio)
 
-    def _cost_rows(self) -> list[Row]:
+    def _format_costs(self) -> list[Row]:
         """Return the costs of the effects, as rows."""
         if self.costs is None:
             return [("measuring ...",)]
@@ -796,7 +805,7 @@ class Viewer:
         return [("standard quality",), frame_row, *rows[1:]]
 
 
-def _with_times(frames: Iterator[Frame]) -> Iterator[tuple[Frame, float]]:
+def _time_frames(frames: Iterator[Frame]) -> Iterator[tuple[Frame, float]]:
     """Yield frames and their times, seconds; one made of earlier pictures includes theirs."""
     total, quality = 0.0, None
     start = perf_counter()
@@ -808,7 +817,7 @@ def _with_times(frames: Iterator[Frame]) -> Iterator[tuple[Frame, float]]:
         start = perf_counter()
 
 
-def _half(size: tuple[int, int]) -> tuple[int, int]:
+def _halve(size: tuple[int, int]) -> tuple[int, int]:
     """Return half of a size, rounded up."""
     width, height = size
     return -(-width // SHRINK), -(-height // SHRINK)
@@ -821,7 +830,7 @@ def _format_seconds(seconds: float) -> str:
     return f"{1e3 * seconds:.0f} ms" if seconds >= 0.01 else f"{1e3 * seconds:.1f} ms"
 
 
-def _renderer(size: tuple[int, int], threads: int | None) -> Renderer:
+def _make_renderer(size: tuple[int, int], threads: int | None) -> Renderer:
     """Return a renderer without warnings."""
     renderer = Renderer(size, threads=threads)
     renderer.warned = None

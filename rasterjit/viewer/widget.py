@@ -13,12 +13,12 @@ from typing import Any
 from rendercanvas.anywidget import RenderCanvas
 from traitlets import Unicode
 
-from rasterjit.viewer.canvas import FRAME_RATE, CanvasDriver
-from rasterjit.viewer.protocol import QUALITY
+from rasterjit.viewer.canvas import MAX_FRAME_RATE, CanvasDriver
+from rasterjit.viewer.protocol import JPEG_QUALITY
 from rasterjit.viewer.saved_view import SavedView
 from rasterjit.viewer.viewer import Viewer
 
-NO_FRONT_END = (
+MISSING_FRONT_END = (
     "Where this text stands in a running notebook, the view does not turn: run "
     '"pip install ipywidgets anywidget" in the environment of the Jupyter server, then reload the '
     "page."
@@ -27,7 +27,7 @@ NO_FRONT_END = (
 REST_SECONDS = 0.7
 """Seconds without a change after which a view is saved."""
 
-_HERE = Path(__file__).parent
+_FOLDER = Path(__file__).parent
 
 
 class ViewWidget(RenderCanvas):
@@ -47,19 +47,19 @@ class ViewWidget(RenderCanvas):
 
     _esm = (
         f"const BASE = {json.dumps(RenderCanvas._esm)}\n"
-        + (_HERE / "widget.js").read_text(encoding="utf-8")
+        + (_FOLDER / "widget.js").read_text(encoding="utf-8")
     )  # fmt: skip
-    _css = RenderCanvas._css + (_HERE / "widget.css").read_text(encoding="utf-8")
+    _css = RenderCanvas._css + (_FOLDER / "widget.css").read_text(encoding="utf-8")
 
     _name = Unicode("").tag(sync=True)
     _alt = Unicode("").tag(sync=True)
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer, self._saved = viewer, SavedView(viewer)
-        self._loop = _running_loop()
-        super().__init__(size=viewer.size, max_fps=FRAME_RATE)
+        self._loop = _get_running_loop()
+        super().__init__(size=viewer.size, max_fps=MAX_FRAME_RATE)
         # With less, the first picture at rest is not sharp: the lossless one comes much later.
-        self._quality = QUALITY
+        self._quality = JPEG_QUALITY
         self._name, self._alt = self._saved.name, self._saved.description
         self._connection = CanvasDriver(viewer, self)
         self._saved_stamp: tuple[Any, ...] = ()
@@ -69,7 +69,7 @@ class ViewWidget(RenderCanvas):
     def _call_in_loop(self, function: Callable[..., object], *arguments: Any) -> None:
         """Call a function in the event loop of the cells; at once without any."""
         if self._loop is None:
-            self._loop = _running_loop()
+            self._loop = _get_running_loop()
         if self._loop is None:
             function(*arguments)
         elif not self._loop.is_closed():
@@ -87,7 +87,7 @@ class ViewWidget(RenderCanvas):
 
     def _rfb_schedule_maybe_draw(self, *changes: Any) -> None:
         """Schedule a draw, if there is an event loop."""
-        if self._loop is not None or _running_loop() is not None:
+        if self._loop is not None or _get_running_loop() is not None:
             self._call_in_loop(self._rfb_maybe_draw)
 
     def _handle_message(self, widget: Any, content: dict[str, Any], buffers: Any) -> None:
@@ -103,12 +103,12 @@ class ViewWidget(RenderCanvas):
             now = time.time()
             feedback = {"index": self._rfb_frame_index, "timestamp": now, "localtime": now}
             self._frame_feedback = feedback
-            self._connection.show_again()
+            self._connection.invalidate()
 
     def _ipython_display_(self) -> None:
         """Display the saved picture, the widget in its place, and the camera."""
         bundle, metadata = self._repr_mimebundle_()
-        self._saved.show({**bundle, "text/plain": NO_FRONT_END}, metadata)
+        self._saved.show({**bundle, "text/plain": MISSING_FRONT_END}, metadata)
         self._saved_stamp = self._viewer.stamp
         if self._saver is None and self._loop is not None:
             self._saver = self._loop.create_task(_save_views(weakref.ref(self)))
@@ -122,7 +122,7 @@ class ViewWidget(RenderCanvas):
         return now
 
 
-def _running_loop() -> asyncio.AbstractEventLoop | None:
+def _get_running_loop() -> asyncio.AbstractEventLoop | None:
     """Return the running event loop of this thread, if any."""
     try:
         return asyncio.get_running_loop()

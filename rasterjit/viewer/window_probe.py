@@ -34,18 +34,18 @@ TOOLKITS = {
 window of GLFW by wgpu, which needs a driver for the GPU, or for the CPU in its place; Qt needs
 libraries of the system."""
 
-NO_TOOLKIT = (
+MISSING_TOOLKIT = (
     'a window needs a toolkit: pip install "rasterjit[viewer]" for GLFW, or '
     '"rasterjit[viewer-qt]" for Qt'
 )
 
-TRIAL_TIMEOUT = 60.0
+TRIAL_SECONDS = 60.0
 """Most seconds of a trial; loading a toolkit takes one, on a quiet machine."""
 
-CONNECT_TIMEOUT = 2.0
+CONNECT_SECONDS = 2.0
 """Most seconds for a display to answer."""
 
-SUCCESS_LIFETIME, FAILURE_LIFETIME = 30 * 24 * 3600.0, 24 * 3600.0
+SUCCESS_AGE_SECONDS, FAILURE_AGE_SECONDS = 30 * 24 * 3600.0, 24 * 3600.0
 """Seconds that results are kept; failures shorter, as they may have been mended."""
 
 MAX_RESULTS = 100
@@ -54,14 +54,14 @@ MAX_RESULTS = 100
 FIRST_PORT = 6000
 """TCP port of an X server's display 0."""
 
-VARIABLES = (
+WINDOW_VARIABLES = (
     "DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "XDG_RUNTIME_DIR", "XDG_SESSION_TYPE",
     "LD_LIBRARY_PATH", "LD_PRELOAD", "LIBGL_ALWAYS_SOFTWARE", "PYGLFW_LIBRARY",
     "PYGLFW_LIBRARY_VARIANT", "PYGLFW_PREVIEW",
 )  # fmt: skip
 """Environment variables that windows depend on ..."""
 
-PREFIXES = ("QT_", "VK_", "WGPU_", "MESA_", "DRI_", "__GL", "RENDERCANVAS_")
+WINDOW_PREFIXES = ("QT_", "VK_", "WGPU_", "MESA_", "DRI_", "__GL", "RENDERCANVAS_")
 """... and the prefixes of others."""
 
 DRIVER_PATHS = (
@@ -72,7 +72,7 @@ DRIVER_PATHS = (
 
 SUCCESS_TEXT = "a picture was shown"
 
-TRIAL = f"""
+TRIAL_SCRIPT = f"""
 import sys
 sys.path[:] = sys.argv[2:]
 import importlib, os
@@ -132,7 +132,7 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def toolkits() -> list[str]:
+def list_toolkits() -> list[str]:
     """Return the installed packages that open windows, the preferred first."""
     if importlib.util.find_spec("rendercanvas") is None:
         return []
@@ -159,7 +159,7 @@ def choose_toolkit() -> str:
     toolkit, problem = find_toolkit()
     if toolkit:
         return toolkit
-    if problem == NO_TOOLKIT:
+    if problem == MISSING_TOOLKIT:
         raise ImportError(problem)
     raise ValueError(
         "backend must be one that works here (browser, terminal or notebook), got 'window': "
@@ -169,9 +169,9 @@ def choose_toolkit() -> str:
 
 def find_toolkit() -> tuple[str, str]:
     """Return the first toolkit that opens a window, or the problem; the other one is empty."""
-    installed = toolkits()
+    installed = list_toolkits()
     if not installed:
-        return "", NO_TOOLKIT
+        return "", MISSING_TOOLKIT
     if not has_display():
         return "", "neither DISPLAY nor WAYLAND_DISPLAY is set"
     if not is_display_open():
@@ -190,17 +190,17 @@ def is_display_open() -> bool:
     """Tell whether the display accepts connections."""
     if sys.platform in ("win32", "darwin"):
         return True
-    addresses = [*_wayland_addresses(), *_x_addresses()]
+    addresses = [*_list_wayland_addresses(), *_list_x_addresses()]
     return not addresses or any(_can_connect(address) for address in addresses)
 
 
-def _wayland_addresses() -> Iterator[str | tuple[str, int]]:
+def _list_wayland_addresses() -> Iterator[str | tuple[str, int]]:
     name = os.environ.get("WAYLAND_DISPLAY")
     if name:
         yield str(Path(os.environ.get("XDG_RUNTIME_DIR", "")) / name)
 
 
-def _x_addresses() -> Iterator[str | tuple[str, int]]:
+def _list_x_addresses() -> Iterator[str | tuple[str, int]]:
     """Yield the addresses of an X server, by the rules of Xlib for ``host:display.screen``."""
     display = os.environ.get("DISPLAY", "")
     host, _, rest = display.rpartition(":")
@@ -222,10 +222,10 @@ def _can_connect(address: str | tuple[str, int]) -> bool:
     """Tell whether an address accepts connections."""
     try:
         if isinstance(address, tuple):
-            socket.create_connection(address, CONNECT_TIMEOUT).close()
+            socket.create_connection(address, CONNECT_SECONDS).close()
             return True
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-            connection.settimeout(CONNECT_TIMEOUT)
+            connection.settimeout(CONNECT_SECONDS)
             connection.connect(address)
             return True
     except (OSError, OverflowError, UnicodeError, AttributeError):
@@ -234,11 +234,11 @@ def _can_connect(address: str | tuple[str, int]) -> bool:
 
 def try_toolkit(name: str) -> str:
     """Return the problem of a toolkit that opens no window here, in few words; empty if it does."""
-    return _cached_trial(name, trial_key(name))
+    return _get_trial_result(name, make_trial_key(name))
 
 
 @functools.cache
-def _cached_trial(name: str, key: str) -> str:
+def _get_trial_result(name: str, key: str) -> str:
     """Return the cached result of a trial, or run it."""
     results = _read_results()
     if key in results:
@@ -246,7 +246,7 @@ def _cached_trial(name: str, key: str) -> str:
     problem = run_trial(name)
     if problem is None:
         # A machine that is too busy is so for a while.
-        return f"it did not show a picture in {TRIAL_TIMEOUT:.0f} s"
+        return f"it did not show a picture in {TRIAL_SECONDS:.0f} s"
     _write_results({**results, key: (problem, time.time())})
     return problem
 
@@ -258,8 +258,8 @@ def run_trial(name: str) -> str | None:
         return ""
     try:
         trial = subprocess.run(
-            [sys.executable, "-c", TRIAL, name, *sys.path],
-            stdin=subprocess.DEVNULL, capture_output=True, timeout=TRIAL_TIMEOUT, check=False,
+            [sys.executable, "-c", TRIAL_SCRIPT, name, *sys.path],
+            stdin=subprocess.DEVNULL, capture_output=True, timeout=TRIAL_SECONDS, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return None
@@ -279,26 +279,28 @@ def explain_output(name: str, output: str) -> str:
     return f"it ended without a window ({lines[-1][:200]})" if lines else "it ended without a word"
 
 
-def trial_key(name: str) -> str:
+def make_trial_key(name: str) -> str:
     """Return a hash of all that a trial of a toolkit depends on."""
     variables = {
         key: value
         for key, value in os.environ.items()
-        if key in VARIABLES or key.startswith(PREFIXES)
+        if key in WINDOW_VARIABLES or key.startswith(WINDOW_PREFIXES)
     }
-    paths = [*DRIVER_PATHS, os.environ.get("XAUTHORITY", ""), *map(str, _wayland_addresses())]
+    paths = [*DRIVER_PATHS, os.environ.get("XAUTHORITY", ""), *map(str, _list_wayland_addresses())]
     paths += [
-        path.lstrip("\0") for path in _x_addresses() if isinstance(path, str) and path[:1] == "/"
+        path.lstrip("\0")
+        for path in _list_x_addresses()
+        if isinstance(path, str) and path[:1] == "/"
     ]
     parts = [
-        name, TRIAL, sys.executable, platform.platform(), platform.node(),
-        sorted(variables.items()), [_file_state(path) for path in paths],
-        [_package_version(package) for package in ("rendercanvas", "numpy", *TOOLKITS[name])],
+        name, TRIAL_SCRIPT, sys.executable, platform.platform(), platform.node(),
+        sorted(variables.items()), [_read_file_state(path) for path in paths],
+        [_get_package_version(package) for package in ("rendercanvas", "numpy", *TOOLKITS[name])],
     ]  # fmt: skip
     return hashlib.sha256(json.dumps(parts).encode(errors="surrogateescape")).hexdigest()[:32]
 
 
-def _file_state(path: str) -> list[int]:
+def _read_file_state(path: str) -> list[int]:
     """Return the inode and time of a file or folder; an empty list if there is none."""
     try:
         status = os.stat(path) if path else None
@@ -307,7 +309,7 @@ def _file_state(path: str) -> list[int]:
     return [] if status is None else [status.st_ino, status.st_mtime_ns]
 
 
-def _package_version(package: str) -> str:
+def _get_package_version(package: str) -> str:
     """Return the version of a package; PySide6 may be installed in parts."""
     for name in (package, f"{package}_Essentials"):
         with contextlib.suppress(metadata.PackageNotFoundError):
@@ -315,7 +317,7 @@ def _package_version(package: str) -> str:
     return ""
 
 
-def results_file() -> Path:
+def get_results_path() -> Path:
     """Return the path of the file of results."""
     return user_cache_folder() / "windows.json"
 
@@ -324,11 +326,11 @@ def _read_results() -> Mapping[str, tuple[str, float]]:
     """Return the results by key: problem and time."""
     now = time.time()
     try:
-        content = json.loads(results_file().read_text(encoding="utf-8"))
+        content = json.loads(get_results_path().read_text(encoding="utf-8"))
         return {
             str(key): (str(problem), float(tried_at))
             for key, (problem, tried_at) in content.items()
-            if now - float(tried_at) <= (FAILURE_LIFETIME if problem else SUCCESS_LIFETIME)
+            if now - float(tried_at) <= (FAILURE_AGE_SECONDS if problem else SUCCESS_AGE_SECONDS)
         }
     except (OSError, RuntimeError, ValueError, TypeError, AttributeError):
         return {}
@@ -338,7 +340,7 @@ def _write_results(results: Mapping[str, tuple[str, float]]) -> None:
     """Write the results, where that is possible."""
     latest = sorted(results.items(), key=lambda item: item[1][1])[-MAX_RESULTS:]
     with contextlib.suppress(OSError, RuntimeError):
-        path = results_file()
+        path = get_results_path()
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with atomic_file(path) as temporary:
             temporary.write_text(json.dumps(dict(latest)), encoding="utf-8")

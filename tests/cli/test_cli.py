@@ -19,7 +19,7 @@ from PIL import Image, ImageSequence
 
 import rasterjit as rj
 from rasterjit.cli import commands, help, report, warmup
-from rasterjit.cli.option_types import LIGHTS
+from rasterjit.cli.option_types import LIGHT_NAMES
 from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, CameraOptions
 from rasterjit.inspect import profile
 from rasterjit.outputs import output_table
@@ -1332,7 +1332,7 @@ def test_advice_names_options_that_there_are():
 def test_another_name_for_a_choice_stands_for_one_where_it_is_none_itself():
     parameters = [one for command in commands.program.commands.values() for one in command.params]
     lists = [one.type.choices for one in parameters if isinstance(one.type, click.Choice)]
-    lists += [LIGHTS, tuple(output_table.OUTPUTS)]
+    lists += [LIGHT_NAMES, tuple(output_table.OUTPUTS)]
     for name, other in help.CHOICE_SYNONYMS.items():
         assert any(other in choices and name not in choices for choices in lists), name
 
@@ -1531,7 +1531,7 @@ def impatient(monkeypatch):
 def test_compiling_that_goes_on_is_told_once(impatient, monkeypatch, capsys, is_kept):
     monkeypatch.setattr(store, "kernel_folder", lambda: Path("/cache") if is_kept else None)
     monkeypatch.setattr(background_compile, "can_start_process", lambda: False)
-    with report.progress_notice(quiet=False), background_compile.compile_in_background(list):
+    with report.show_compile_progress(quiet=False), background_compile.compile_in_background(list):
         say_that_something_compiles()
         say_that_something_compiles()
     said = capsys.readouterr()
@@ -1546,7 +1546,7 @@ def test_a_line_on_a_terminal_says_how_far_the_compiler_is(impatient, monkeypatc
     monkeypatch.setattr(background_compile, "can_start_process", lambda: False)
     line = SimpleNamespace(status="Rendering", update=said.append)
     with (
-        report.progress_notice(quiet=False, shown=line),
+        report.show_compile_progress(quiet=False, shown=line),
         background_compile.compile_in_background(list),
     ):
         say_that_something_compiles()
@@ -1565,7 +1565,7 @@ def test_a_line_on_a_terminal_says_how_many_pictures_are_drawn(monkeypatch, tmp_
     clock, said = [0.0], []
     monkeypatch.setattr(report.time, "monotonic", lambda: clock[0])
     line = SimpleNamespace(status="Rendering", update=said.append)
-    with report.progress_notice(quiet=False, shown=line):
+    with report.show_compile_progress(quiet=False, shown=line):
         for done in (1, 2, 16):
             clock[0] += 1.0
             progress.PICTURE_COUNTERS[-1](done, 64)
@@ -1574,12 +1574,12 @@ def test_a_line_on_a_terminal_says_how_many_pictures_are_drawn(monkeypatch, tmp_
     assert said[0] == "Rendering: ##........ 16 of 64, 2 s, 6 s left"
     assert said[1:] == [f"Rendering: {progress.format_bar(n, 64, 3.0)}" for n in range(1, 65)]
     assert progress.PICTURE_COUNTERS == []
-    with report.progress_notice(quiet=False):
+    with report.show_compile_progress(quiet=False):
         progress.PICTURE_COUNTERS[-1](1, 64)
 
 
 def test_compiling_that_is_soon_done_is_not_told(monkeypatch, capsys):
-    with report.progress_notice(quiet=False), background_compile.compile_in_background(list):
+    with report.show_compile_progress(quiet=False), background_compile.compile_in_background(list):
         say_that_something_compiles()
     assert capsys.readouterr() == ("", "")
 

@@ -29,7 +29,7 @@ def run(*arguments):
     return CliRunner().invoke(commands.program, [str(argument) for argument in arguments])
 
 
-def options_of(command):
+def add_options(command):
     """Return the options of a command that help is to tell of."""
     return [
         one for one in command.params if isinstance(one, click.Option) and not one.hidden
@@ -39,12 +39,12 @@ def options_of(command):
 @pytest.mark.parametrize("name", sorted(commands.program.commands))
 def test_all_options_are_told_of_once(name):
     command = commands.program.commands[name]
-    has_more = len(options_of(command)) > helping.MANY
+    has_more = len(add_options(command)) > helping.MAX_SHORT_OPTIONS
     told = run(name, "--help-all" if has_more else "--help").output
     heads = re.findall(r"^  (-.*?)(?:  |$)", told, re.MULTILINE)
     names = [spelling.split()[0] for head in heads for spelling in head.split(", ")]
     assert len(names) == len(set(names))
-    assert {max(one.opts, key=len) for one in options_of(command)} <= set(names)
+    assert {max(one.opts, key=len) for one in add_options(command)} <= set(names)
     short = run(name, "--help").output
     assert short.count("\n") <= LINES
     assert ("--help-all says more" in short) == has_more
@@ -52,16 +52,20 @@ def test_all_options_are_told_of_once(name):
 
 def test_no_group_names_an_option_that_there_is_not():
     known = {one.name for command in commands.program.commands.values() for one in command.params}
-    named = [name for names in helping.GROUPS.values() for name in names]
+    named = [name for names in helping.OPTION_GROUPS.values() for name in names]
     assert len(named) == len(set(named))
     assert set(named) <= known
-    assert set(helping.COMMON) <= known
+    assert set(helping.COMMON_OPTIONS) <= known
 
 
 def test_short_help_says_the_first_clause():
     record = "--light X", "Light from far away (0,-1,0: down), beside dim light; or by name. More."
-    assert helping.in_short(record)[1] == "Light from far away (0,-1,0: down), beside dim light."
-    assert helping.in_short(("--n", "How many.  [default: 3]"))[1] == "How many.  [default: 3]"
+    assert (
+        helping.shorten_record(record)[1] == "Light from far away (0,-1,0: down), beside dim light."
+    )
+    assert (
+        helping.shorten_record(("--n", "How many.  [default: 3]"))[1] == "How many.  [default: 3]"
+    )
 
 
 def test_a_file_in_place_of_a_command_is_rendered_here_and_replaces_nothing(tmp_path, monkeypatch):

@@ -158,7 +158,7 @@ def test_a_missing_extra_is_named_and_is_no_failure(monkeypatch):
 
 
 def test_the_ball_of_the_thread_check_is_closed():
-    ball = doctor._ball(24, 12)
+    ball = doctor._make_ball(24, 12)
     assert np.ptp(np.linalg.norm(ball.vertices, axis=1)) < 1e-12
     corners = ball.vertices[ball.faces]
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

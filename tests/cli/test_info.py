@@ -95,13 +95,13 @@ def test_own_attributes_have_the_names_that_outputs_take(tmp_path):
         values = {"heat\x1b": np.ones((3, columns)), "a": np.ones((3, 2))}
         scene.add(rj.Mesh(corners, face, material=material, attributes=values))
     scene.add(rj.Mesh(corners, face, material=material))
-    held = info.describe(scene)
+    held = info.describe_scene(scene)
     assert [list(one.values()) for one in held["attribute_outputs"]] == [
         ["attribute:a", 2, "vertices", 3],
         ["attribute:heat\x1b", 1, "vertices", 2],
         ["attribute:heat\x1b", 3, "vertices", 1],
     ]
-    rows = [*info._rows({"file": "a", "bytes": 1, "left_out": [], "warnings": [], **held})]
+    rows = [*info._format_rows({"file": "a", "bytes": 1, "left_out": [], "warnings": [], **held})]
     assert [text for name, text in rows if name.startswith("own attribute")] == [
         "'attribute:a': 2 columns of vertices, 3 of 4 meshes",
         "'attribute:heat\\x1b': 1 column of vertices, 2 of 4 meshes",
@@ -109,7 +109,7 @@ def test_own_attributes_have_the_names_that_outputs_take(tmp_path):
     ]
     alone = rj.Scene()
     alone.add(rj.Mesh(corners, face, material=material, attributes={"load": [[0.5]]}))
-    (one,) = info.describe(alone)["attribute_outputs"]
+    (one,) = info.describe_scene(alone)["attribute_outputs"]
     assert (one["output"], one["of"]) == ("attribute:load", "faces")
     alone.nodes[0].mesh = rj.Mesh(corners, face, material=material, attributes={"heat": corners})
     alone.save(tmp_path / "h.glb")
@@ -126,11 +126,13 @@ def test_of_many_nodes_the_first_are_printed_and_deep_trees_are_no_burden():
     for number in range(1, 3000):
         node = rj.Node(name=f"joint {number}", parent=node)
     rj.Node(rj.load(MODELS / "cube.ply").nodes[0].mesh, name="hand", parent=node)
-    held = info.describe(scene)
+    held = info.describe_scene(scene)
     assert len(held["nodes"]) == 3001
     assert [one["parent"] for one in held["nodes"]] == [None, *range(3000)]
     assert held["nodes"][-1]["object"] == 0
-    rows = dict(info._rows({"file": "a", "bytes": 1, "left_out": [], "warnings": [], **held}))
+    rows = dict(
+        info._format_rows({"file": "a", "bytes": 1, "left_out": [], "warnings": [], **held})
+    )
     assert rows["nodes"] == "2,981 more: see --json"
     assert rows["node 19"].strip() == "'joint 19': group"
 
@@ -144,9 +146,11 @@ def test_cameras_of_every_kind_can_be_told_as_json():
         rj.MatrixCamera.from_intrinsics(50, 50, 24, 18, (48, 36)),
     ):
         scene.camera = camera
-        held = json.loads(json.dumps(info.describe(scene), allow_nan=False))
+        held = json.loads(json.dumps(info.describe_scene(scene), allow_nan=False))
         assert held["camera"]["kind"] == type(camera).__name__
-        rows = dict(info._rows({"file": "a", "bytes": 1, "left_out": [], "warnings": [], **held}))
+        rows = dict(
+            info._format_rows({"file": "a", "bytes": 1, "left_out": [], "warnings": [], **held})
+        )
         assert rows["camera"].startswith(f"{type(camera).__name__}: ")
         assert "shadow" in rows["light 0"]
 

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from rasterjit.cli import commands
-from rasterjit.cli.thumbnails import SETTINGS
+from rasterjit.cli.thumbnails import SETTINGS_FILE
 
 MODELS = Path(__file__).parents[2] / "models"
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -33,7 +33,7 @@ def folder(tmp_path):
 
 
 def written(out):
-    files = (path for path in out.rglob("*") if path.is_file() and path.name != SETTINGS)
+    files = (path for path in out.rglob("*") if path.is_file() and path.name != SETTINGS_FILE)
     return sorted(path.relative_to(out).as_posix() for path in files)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rasterjit.compat.golden import DIFFERENCE_COLOR, side_by_side
+from rasterjit.compat.golden import DIFFERENCE_COLOR, draw_side_by_side
 
 CONFTEST = 'pytest_plugins = ["rasterjit.compat.golden"]\n'
 
@@ -130,12 +130,12 @@ def test_two_tests_never_share_a_file(tmp_path, workers):
 
 def test_differences_of_other_sizes_and_of_floats_are_shown():
     small, large = np.zeros((2, 3), np.uint8), np.full((4, 5, 3), 9, np.uint8)
-    assert side_by_side(small, large).shape == (4, 3 + 8 + 5, 4)
-    assert side_by_side(np.arange(3.0), np.arange(3.0)) is None
+    assert draw_side_by_side(small, large).shape == (4, 3 + 8 + 5, 4)
+    assert draw_side_by_side(np.arange(3.0), np.arange(3.0)) is None
     depth = np.array([[1.0, np.inf], [np.nan, 3.0]])
     nearer = depth.copy()
     nearer[0, 0] = 2.0
-    sheet = side_by_side(depth, nearer)
+    sheet = draw_side_by_side(depth, nearer)
     assert sheet[:, :2, 0].tolist() == [[0, 255], [0, 255]]
     assert sheet[:, 10:12, 0].tolist() == [[127, 255], [0, 255]]
     assert (sheet[:, 20:, :3] == DIFFERENCE_COLOR).all(axis=2).tolist() == [
@@ -145,8 +145,10 @@ def test_differences_of_other_sizes_and_of_floats_are_shown():
 
 
 def test_signs_of_zero_and_bits_of_nan_count(tmp_path):
-    from rasterjit.compat.golden import _difference
+    from rasterjit.compat.golden import _describe_difference
 
-    assert "1 of 2 pixels" in _difference(np.array([[0.0, np.nan]]), np.array([[-0.0, np.nan]]))
-    assert _difference(np.array([[0.0, np.nan]]), np.array([[0.0, np.nan]])) is None
-    assert "float32" in _difference(np.zeros((1, 1)), np.zeros((1, 1), np.float32))
+    assert "1 of 2 pixels" in _describe_difference(
+        np.array([[0.0, np.nan]]), np.array([[-0.0, np.nan]])
+    )
+    assert _describe_difference(np.array([[0.0, np.nan]]), np.array([[0.0, np.nan]])) is None
+    assert "float32" in _describe_difference(np.zeros((1, 1)), np.zeros((1, 1), np.float32))

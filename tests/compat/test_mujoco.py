@@ -18,7 +18,7 @@ mujoco = pytest.importorskip("mujoco", reason=REASON)
 
 import rasterjit as rj  # noqa: E402
 from rasterjit.compat import mujoco as drawn  # noqa: E402
-from rasterjit.compat.mujoco import drawing, shapes  # noqa: E402
+from rasterjit.compat.mujoco import model_scene, shapes  # noqa: E402
 
 HEIGHT, WIDTH = 60, 80
 CAMERA = '<camera name="front" pos="0 -4 2" xyaxes="1 0 0 0 0.5 1" fovy="50"/>'
@@ -131,7 +131,7 @@ def test_shapes_are_closed_and_face_outward(kind, size, volume):
 
 @pytest.mark.parametrize("name", ["arrow", "arrow1", "arrow2"])
 def test_arrows_are_closed_where_they_are_in_mujoco(name):
-    surface = shapes.unit_shape(name, 28, 16, 4)
+    surface = shapes.make_unit_shape(name, 28, 16, 4)
     a, b, c = np.moveaxis(surface.positions[surface.faces], 1, 0)
     normals = surface.normals[surface.faces].mean(axis=1)
     assert (np.einsum("ij,ij->i", normals, np.cross(b - a, c - a)) > 0.0).all()
@@ -286,10 +286,10 @@ def test_a_scene_of_a_model_is_one_for_rasterjit():
     scene = drawn.from_model(model)
     data = data_of(model)
     scene.follow(data, "front")
-    camera = scene.camera_for((WIDTH, HEIGHT))
+    camera = scene.make_camera((WIDTH, HEIGHT))
     frame = rj.render(scene, camera, size=(WIDTH, HEIGHT), outputs=("color", "object_id", "depth"))
     _, depth, numbers = pictures(model, data=data)
-    for node, (number, _) in enumerate(scene.object_numbers()):
+    for node, (number, _) in enumerate(scene.list_objects()):
         there = numbers[..., 0] == number
         assert there.sum() > 40
         assert (frame.object_id == node)[there].mean() > 0.98
@@ -399,7 +399,7 @@ def test_what_is_kept_is_bounded():
         scene.follow(data, "front")
         assert scene.nodes[0].mesh is first
         for kept in (scene._meshes, scene._surfaces, scene._textures):
-            assert 1 <= len(kept) <= 1 + drawing.SPARE
+            assert 1 <= len(kept) <= 1 + model_scene.MIN_SPARE_ITEMS
 
 
 @pytest.mark.parametrize("kind", ["LABEL", "NONE"])

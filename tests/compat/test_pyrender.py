@@ -19,7 +19,7 @@ from rasterjit.compat.pyrender import node as node_module
 from rasterjit.compat.pyrender import offscreen
 from rasterjit.compat.pyrender import scene as pyrender
 from rasterjit.compat.pyrender.constants import RenderFlags
-from rasterjit.compat.pyrender.drawing import convert
+from rasterjit.compat.pyrender.conversion import convert_scene
 
 W, H = 48, 36
 
@@ -274,11 +274,11 @@ def test_instances_stand_at_their_poses():
     poses = np.stack([at(1.0), at(-1.0)])
     mesh = meshes.Mesh.from_trimesh(trimesh.creation.box(), poses=poses)
     scene.add(mesh, pose=at(y=2.0))
-    drawing = convert(scene, RenderFlags.NONE)
+    drawing = convert_scene(scene, RenderFlags.NONE)
     places = [node.world_from_model[:3, 3].tolist() for node in drawing.scene.nodes]
     assert places == [[0, 0, 0], [1, 2, 0], [-1, 2, 0]]
     mesh.is_visible = False
-    assert len(convert(scene, RenderFlags.NONE).owners) == 1
+    assert len(convert_scene(scene, RenderFlags.NONE).owners) == 1
 
 
 def test_cameras_have_the_projections_of_their_arguments():
@@ -369,11 +369,11 @@ def test_a_trimesh_scene_is_taken():
 
 def test_second_drawing_leaves_the_first_as_it_is():
     scene, box = box_scene()
-    first = convert(scene, RenderFlags.NONE).scene.nodes[0].mesh
+    first = convert_scene(scene, RenderFlags.NONE).scene.nodes[0].mesh
     look = first.material
-    assert convert(scene, RenderFlags.NONE).scene.nodes[0].mesh is first
+    assert convert_scene(scene, RenderFlags.NONE).scene.nodes[0].mesh is first
     box.mesh.primitives[0].material.baseColorFactor = [1.0, 0.0, 0.0, 1.0]
-    second = convert(scene, RenderFlags.NONE).scene.nodes[0].mesh
+    second = convert_scene(scene, RenderFlags.NONE).scene.nodes[0].mesh
     assert first.material is look
     assert second.material.base_color[:3] == (1.0, 0.0, 0.0)
     assert np.shares_memory(second.vertices, first.vertices)
@@ -385,7 +385,9 @@ def test_objects_of_one_look_share_it_and_one_that_cannot_be_placed_is_left_out(
     twin.mesh.primitives[0].material = box.mesh.primitives[0].material
     lost = scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box()))
     scene.set_pose(lost, np.full((4, 4), np.nan))
-    first, second = (node.mesh.material for node in convert(scene, RenderFlags.NONE).scene.nodes)
+    first, second = (
+        node.mesh.material for node in convert_scene(scene, RenderFlags.NONE).scene.nodes
+    )
     assert first is second
 
 

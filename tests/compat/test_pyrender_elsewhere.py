@@ -11,7 +11,7 @@ import trimesh
 
 import rasterjit as rj
 import rasterjit.compat.pyrender as pyrender
-from rasterjit.compat.pyrender.drawing import Seen, camera_of, convert
+from rasterjit.compat.pyrender.conversion import Viewpoint, convert_scene, make_camera
 from rasterjit.pipeline import srgb_encoding
 from rasterjit.scene.reference_shader import decode_codes
 
@@ -39,12 +39,14 @@ def scene():
 
 @pytest.fixture
 def camera(scene):
-    return camera_of(scene, SIZE)
+    return make_camera(scene, SIZE)
 
 
 @pytest.fixture
 def drawn(scene, camera):
-    return convert(scene, pyrender.RenderFlags.NONE, seen=Seen(camera, SIZE, 1.0)).scene
+    return convert_scene(
+        scene, pyrender.RenderFlags.NONE, viewpoint=Viewpoint(camera, SIZE, 1.0)
+    ).scene
 
 
 @every_quality

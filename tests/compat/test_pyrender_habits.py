@@ -151,7 +151,7 @@ def test_subclasses_write_messages_and_draw():
     assert viewer.message == ""
     assert not hasattr(viewer, "drawn")
     viewer._is_started = True
-    viewer.look((64, 48))
+    viewer.capture((64, 48))
     assert viewer.drawn == 1
     viewer.close()
 

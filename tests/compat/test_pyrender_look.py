@@ -13,7 +13,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.compat import pyrender
-from rasterjit.compat.pyrender import drawing
+from rasterjit.compat.pyrender import conversion
 from rasterjit.compat.pyrender.constants import RenderFlags
 from rasterjit.rendering.planning import describe
 from rasterjit.rendering.renderer import Renderer
@@ -48,8 +48,8 @@ def test_recorded_pictures_are_not_of_nothing():
 
 def drawn_scene(name):
     scene, flags = pyrender_scenes.SCENES[name](pyrender)
-    camera = drawing.camera_of(scene, pyrender_scenes.SIZE)
-    return drawing.convert(scene, RenderFlags(flags)).scene, camera
+    camera = conversion.make_camera(scene, pyrender_scenes.SIZE)
+    return conversion.convert_scene(scene, RenderFlags(flags)).scene, camera
 
 
 QUALITY = Quality(samples=4, blending="srgb8")

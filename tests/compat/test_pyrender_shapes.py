@@ -10,9 +10,9 @@ import pytest
 import trimesh
 
 import rasterjit.compat.pyrender as pyrender
-from rasterjit.compat.pyrender import drawing
+from rasterjit.compat.pyrender import conversion
 from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
-from rasterjit.compat.pyrender.drawing import convert
+from rasterjit.compat.pyrender.conversion import convert_scene
 
 W, H = 40, 30
 SAMPLES = ((0.375, 0.875), (0.875, 0.625), (0.125, 0.375), (0.625, 0.125))
@@ -209,16 +209,16 @@ def test_edges_are_lit_by_the_normals_of_vertices(renderer):
 
 def test_same_edges_are_the_same_object_from_frame_to_frame(renderer):
     _, node = box_scene(True)
-    primitive, look = node.mesh.primitives[0], node.mesh.primitives[0].material.drawn(
+    primitive, look = node.mesh.primitives[0], node.mesh.primitives[0].material.convert(
         has_uv=False, is_lit=False, is_culled=True, least_alpha=1.0
     )  # fmt: skip
-    first = drawing.edges_of(primitive, np.eye(4), look, None)
-    assert drawing.edges_of(primitive, np.eye(4), look, None) is first
+    first = conversion.make_edges(primitive, np.eye(4), look, None)
+    assert conversion.make_edges(primitive, np.eye(4), look, None) is first
     # Twelve edges, and a diagonal on each side; all are apart.
     assert len(first) == 18
     assert (first.links == -1).all()
     primitive.positions = primitive.positions * 2.0
-    assert drawing.edges_of(primitive, np.eye(4), look, None) is not first
+    assert conversion.make_edges(primitive, np.eye(4), look, None) is not first
 
 
 def test_mirrored_faces_turn_their_backs(renderer):
@@ -237,9 +237,9 @@ def test_normals_are_lines_of_a_twentieth_of_the_box():
     primitive = pyrender.Mesh.from_trimesh(trimesh.creation.box()).primitives[0]
     length = 0.05 * math.sqrt(3.0)
     blue = np.array([0.1, 0.1, 1.0, 1.0], np.float32)
-    lines = drawing.normals_of(primitive, True, False, blue)
+    lines = conversion.make_normal_lines(primitive, True, False, blue)
     assert len(lines) == len(primitive.positions)
-    both = drawing.normals_of(primitive, True, True, blue)
+    both = conversion.make_normal_lines(primitive, True, True, blue)
     assert len(both) == len(primitive.positions) + 12
     ways = np.diff(both.points[both.segments], axis=1)[:, 0]
     np.testing.assert_allclose(np.linalg.norm(ways, axis=1), length, rtol=1e-6)
@@ -248,21 +248,21 @@ def test_normals_are_lines_of_a_twentieth_of_the_box():
     assert np.allclose(np.abs(middles).max(axis=1), 0.5)
     assert ((middles * outwards).sum(axis=1) > 0.0).all()
     primitive.normals = None
-    assert drawing.normals_of(primitive, True, True, blue) is None
+    assert conversion.make_normal_lines(primitive, True, True, blue) is None
 
 
 @pytest.mark.parametrize("flags", [RenderFlags.NONE, RenderFlags.FLAT])
 def test_normals_are_blue_lines_where_a_viewer_shows_them(flags):
     scene, node = box_scene(False)
     flags |= RenderFlags.FACE_NORMALS
-    drawn = convert(scene, flags).scene
+    drawn = convert_scene(scene, flags).scene
     assert [len(one.mesh.faces) for one in drawn.nodes] == [12, 12]
     lines = drawn.nodes[1].mesh
     shown = lines.colors[0] ** (1.0 if flags & RenderFlags.FLAT else 1.0 / 2.2)
     np.testing.assert_allclose(shown, [26 / 255, 26 / 255, 1.0, 1.0], rtol=1e-5)
     assert lines.widths.tolist() == [1.0]
     node.mesh.primitives[0].normals = None
-    assert len(convert(scene, flags).scene.nodes) == 1
+    assert len(convert_scene(scene, flags).scene.nodes) == 1
 
 
 def test_lines_end_where_their_mode_says():
@@ -273,8 +273,8 @@ def test_lines_end_where_their_mode_says():
         GLTF.LINE_LOOP: [[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]],
     }
     material = pyrender.MetallicRoughnessMaterial()
-    look = material.drawn(has_uv=False, is_lit=False, is_culled=True, least_alpha=1.0)
+    look = material.convert(has_uv=False, is_lit=False, is_culled=True, least_alpha=1.0)
     for mode, segments in expected.items():
         primitive = pyrender.Primitive(places, mode=mode, material=material)
-        assert drawing.lines_of(primitive, look).segments.tolist() == segments
-    assert drawing.lines_of(pyrender.Primitive(places[:1], mode=1), look) is None
+        assert conversion.make_lines(primitive, look).segments.tolist() == segments
+    assert conversion.make_lines(pyrender.Primitive(places[:1], mode=1), look) is None

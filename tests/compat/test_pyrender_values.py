@@ -134,7 +134,7 @@ def test_meshes_of_nothing_are_drawn_as_nothing():
     for mode in pyrender.GLTF.TRIANGLES, pyrender.GLTF.TRIANGLE_STRIP, pyrender.GLTF.POINTS:
         assert not depth_of(pyrender.Mesh([pyrender.Primitive(np.zeros((0, 3)), mode=mode)])).any()
         few = pyrender.Primitive(np.zeros((2, 3)), mode=mode)
-        assert few.faces().shape == (0, 3)
+        assert few.list_faces().shape == (0, 3)
     assert not depth_of(pyrender.Mesh([pyrender.Primitive(np.zeros((2, 3)))])).any()
 
 

@@ -27,7 +27,7 @@ from rasterjit.compat.pyrender import mesh as meshes
 from rasterjit.compat.pyrender import node as nodes
 from rasterjit.compat.pyrender import scene as pyrender
 from rasterjit.compat.pyrender import viewer as viewers
-from rasterjit.compat.pyrender.showing import Showing, same_scene
+from rasterjit.compat.pyrender.live_view import LiveView, scenes_look_alike
 from rasterjit.scene.camera import MatrixCamera, PerspectiveCamera
 from rasterjit.viewer import browser, browser_session, notebook, show, terminal, window_probe
 
@@ -60,23 +60,23 @@ class Page:
     """Stands for the server: it shows what it is given until it is stopped, as one page would."""
 
     def __init__(self):
-        self.showing = None
+        self.live_view = None
         self.is_stopped = threading.Event()
         self.events = []
         self.pictures = []
         self.draws = False
 
-    def serve(self, showing, *, port, on_start):
-        self.showing = showing
+    def serve(self, live_view, *, port, on_start):
+        self.live_view = live_view
         on_start(self.is_stopped.set)
         while not self.is_stopped.wait(0.01):
             for event in self.events:
-                showing.handle(event)
+                live_view.handle(event)
             self.events.clear()
-            showing.advance(0.01)
-            if self.draws and self.stamp != showing.stamp:
-                self.stamp = showing.stamp
-                self.pictures.append(showing.draw())
+            live_view.advance(0.01)
+            if self.draws and self.stamp != live_view.stamp:
+                self.stamp = live_view.stamp
+                self.pictures.append(live_view.draw())
 
     stamp = None
 
@@ -105,13 +105,13 @@ def viewing(scene, **options):
 
 def press(viewer, key):
     """Press a key as a canvas tells it."""
-    viewer._showing.handle({"event_type": "key_down", "key": key, "modifiers": ()})
+    viewer._live_view.handle({"event_type": "key_down", "key": key, "modifiers": ()})
 
 
 def pose_of(viewer):
     """Return where the viewer's camera is."""
     with viewer.render_lock:
-        viewer.look(viewer.viewport_size)
+        viewer.capture(viewer.viewport_size)
     return viewer.scene.get_pose(viewer.scene.main_camera_node)
 
 
@@ -135,7 +135,7 @@ def test_in_a_thread_it_returns_and_is_active_until_it_is_closed(page):
 def test_without_a_thread_it_returns_when_it_is_closed(page):
     scene, _ = box_scene()
     closer = threading.Thread(
-        target=lambda: (wait_until(lambda: page.showing), page.is_stopped.set())
+        target=lambda: (wait_until(lambda: page.live_view), page.is_stopped.set())
     )
     closer.start()
     viewer = viewers.Viewer(scene, viewport_size=(64, 48))
@@ -149,10 +149,10 @@ def test_start_may_wait(page):
     with viewing(scene, auto_start=False) as viewer:
         assert viewer.is_active
         time.sleep(0.1)
-        assert page.showing is None
+        assert page.live_view is None
         viewer.start()
         viewer.start()
-        wait_until(lambda: page.showing is not None)
+        wait_until(lambda: page.live_view is not None)
     assert not viewer.is_active
     never = viewers.Viewer(scene, (64, 48), auto_start=False)
     never.close_external()
@@ -183,7 +183,7 @@ def test_flags_are_those_of_pyrender_by_mapping_or_keyword(page):
         assert flags["rotate_axis"].tolist() == [0.0, 0.0, 1.0]
         assert "unknown" not in flags
         viewer.render_flags = {**viewer.render_flags, "all_wireframe": False}
-        wait_until(lambda: page.showing is not None and page.showing.scene.wireframe is None)
+        wait_until(lambda: page.live_view is not None and page.live_view.scene.wireframe is None)
 
 
 @pytest.mark.parametrize(
@@ -233,26 +233,26 @@ def test_nothing_is_drawn_anew_where_nothing_changes(page):
     scene, _ = box_scene()
     scene.add(meshes.Mesh.from_points(BOX.vertices))
     with viewing(scene) as viewer:
-        wait_until(lambda: page.showing is not None)
-        showing = page.showing
-        wait_until(lambda: not showing.is_moving)
-        version = showing.version
+        wait_until(lambda: page.live_view is not None)
+        live_view = page.live_view
+        wait_until(lambda: not live_view.is_moving)
+        version = live_view.version
         time.sleep(0.3)
-        assert showing.version == version
-        first, second = viewer.look((64, 48)), viewer.look((64, 48))
-        # Points are made anew for each look.
+        assert live_view.version == version
+        first, second = viewer.capture((64, 48)), viewer.capture((64, 48))
+        # Points are made anew for each snapshot.
         assert first.scene.nodes[1].mesh is not second.scene.nodes[1].mesh
-        assert same_scene(first.scene, second.scene)
+        assert scenes_look_alike(first.scene, second.scene)
 
 
 def test_program_that_holds_the_scene_is_not_waited_for(page):
     scene, _ = box_scene()
     with viewing(scene) as viewer:
-        wait_until(lambda: page.showing is not None)
+        wait_until(lambda: page.live_view is not None)
         with viewer.render_lock:
             began = time.monotonic()
             done = []
-            thread = threading.Thread(target=lambda: done.append(page.showing._look_now()))
+            thread = threading.Thread(target=lambda: done.append(page.live_view._update()))
             thread.start()
             thread.join(PATIENCE)
             assert done == [None]
@@ -272,17 +272,19 @@ def test_lights_of_the_viewer_move_with_its_camera(page):
     scene.add(cameras.PerspectiveCamera(yfov=1.0), pose=at(z=3))
     with viewing(scene, use_direct_lighting=True, lighting_intensity=4.0) as viewer:
         with viewer.render_lock:
-            look = viewer.look((64, 48))
+            snapshot = viewer.capture((64, 48))
         (node,) = scene.light_nodes
         assert node.light.intensity == 4.0
         np.testing.assert_allclose(scene.get_pose(node), at(z=3), atol=1e-12)
-        np.testing.assert_allclose(look.scene.lights[-1].direction, [0.0, 0.0, -1.0], atol=1e-12)
+        np.testing.assert_allclose(
+            snapshot.scene.lights[-1].direction, [0.0, 0.0, -1.0], atol=1e-12
+        )
         viewer.viewer_flags["use_raymond_lighting"] = True
         viewer.viewer_flags["use_direct_lighting"] = False
         with viewer.render_lock:
-            look = viewer.look((64, 48))
+            snapshot = viewer.capture((64, 48))
         assert [one.light.intensity for one in scene.light_nodes] == [4.0 / 3.0] * 3
-        found = np.array([light.direction for light in look.scene.lights[-3:]])
+        found = np.array([light.direction for light in snapshot.scene.lights[-3:]])
         np.testing.assert_allclose(found[:, 2], -math.cos(math.pi / 6))
 
 
@@ -290,10 +292,10 @@ def test_scene_without_lights_has_a_headlight(page):
     scene, _ = box_scene()
     with viewing(scene) as viewer, viewer.render_lock:
         half = 1.0 / math.sqrt(2.0)
-        *_, light = viewer.look((64, 48)).scene.lights
+        *_, light = viewer.capture((64, 48)).scene.lights
         np.testing.assert_allclose(light.direction, [-half, 0.0, -half], atol=1e-12)
         scene.add(lights.DirectionalLight())
-        (light,) = viewer.look((64, 48)).scene.lights[1:]
+        (light,) = viewer.capture((64, 48)).scene.lights[1:]
         np.testing.assert_allclose(light.direction, [0.0, 0.0, -1.0], atol=1e-12)
 
 
@@ -301,7 +303,7 @@ def test_camera_begins_where_that_of_the_scene_is_and_has_its_lens(page):
     scene, _ = box_scene()
     scene.add(cameras.PerspectiveCamera(yfov=math.pi / 3, znear=0.2), pose=at(1.0, 2.0, 3.0))
     with viewing(scene) as viewer, viewer.render_lock:
-        camera = viewer.look((64, 48)).camera
+        camera = viewer.capture((64, 48)).camera
         assert isinstance(camera, PerspectiveCamera)
         assert (tuple(camera.eye), camera.near) == ((1.0, 2.0, 3.0), 0.2)
         assert camera.fov_y == pytest.approx(60.0)
@@ -328,7 +330,7 @@ def test_other_lenses_are_looked_through_as_they_are(page, camera):
     scene.add(camera, pose=at(z=3))
     is_parallel = isinstance(camera, cameras.OrthographicCamera)
     with viewing(scene, use_perspective_cam=not is_parallel) as viewer, viewer.render_lock:
-        found = viewer.look((64, 48)).camera
+        found = viewer.capture((64, 48)).camera
         assert isinstance(found, MatrixCamera)
         np.testing.assert_array_equal(found.clip_from_view, camera.get_projection_matrix(64, 48))
 
@@ -337,28 +339,28 @@ def test_page_is_told_where_any_lens_is(page):
     scene, _ = box_scene()
     scene.add(cameras.OrthographicCamera(2.0, 1.0), pose=at(1.0, 2.0, 3.0))
     with viewing(scene, use_perspective_cam=False) as viewer, viewer.render_lock:
-        found = viewer.look((64, 48)).camera
+        found = viewer.capture((64, 48)).camera
         places = [found.eye.tolist(), found.target.tolist(), found.up.tolist()]
         assert places == [[1.0, 2.0, 3.0], [1.0, 2.0, 2.0], [0.0, 1.0, 0.0]]
         assert found.fov_y == pytest.approx(90.0)
-        viewer._showing.look_from(PerspectiveCamera((0, 0, 5), (0, 0, 0)))
+        viewer._live_view.look_from(PerspectiveCamera((0, 0, 5), (0, 0, 0)))
     np.testing.assert_allclose(viewer._trackball.pose, at(z=5.0), atol=1e-12)
 
 
 def test_text_beside_pictures_says_the_keys_and_messages_of_pyrender(page):
     scene, _ = box_scene()
     with viewing(scene) as viewer:
-        showing = viewer._showing
-        showing.writes_text = False
-        told = browser_session.welcome_message(showing)
+        live_view = viewer._live_view
+        live_view.writes_text = False
+        told = browser_session.make_welcome_message(live_view)
         assert (told["help_key"], told["has_usual_keys"]) == ("?", False)
-        assert terminal.last_line(showing, 80) == " Q end  ? help"
+        assert terminal.format_key_line(live_view, 80) == " Q end  ? help"
         press(viewer, "?")
-        assert terminal.panel_of(showing) == showing.help_rows
+        assert terminal.get_panel(live_view) == live_view.help_rows
         press(viewer, "h")
         assert viewer.render_flags["shadows"]
-        assert showing.line.startswith("Shadows On   Scene Viewer")
-        assert showing.shows_line
+        assert live_view.line.startswith("Shadows On   Scene Viewer")
+        assert live_view.shows_line
 
 
 def test_object_that_a_page_hides_takes_its_light_with_it(page):
@@ -366,30 +368,30 @@ def test_object_that_a_page_hides_takes_its_light_with_it(page):
     scene.add(meshes.Mesh.from_trimesh(BOX), pose=at(x=2.0))
     scene.add(cameras.PerspectiveCamera(yfov=1.0), pose=at(z=5.0))
     with viewing(scene) as viewer:
-        showing = viewer._showing.twin()
-        names = [node.name for node in showing.scene.nodes]
-        showing.set_hidden([names.index("box")])
-        hidden = showing.draw()
+        live_view = viewer._live_view.twin()
+        names = [node.name for node in live_view.scene.nodes]
+        live_view.set_hidden([names.index("box")])
+        hidden = live_view.draw()
         with viewer.render_lock:
             scene.remove_node(box)
-        showing.set_hidden([])
-        showing._look_now()
-        np.testing.assert_array_equal(showing.draw(), hidden)
-        showing.close()
+        live_view.set_hidden([])
+        live_view._update()
+        np.testing.assert_array_equal(live_view.draw(), hidden)
+        live_view.close()
 
 
 def test_effects_that_pyrender_does_not_have_are_refused_in_a_line(page):
     scene, _ = box_scene(ambient_light=[0.5, 0.5, 0.5])
     scene.add(cameras.PerspectiveCamera(yfov=1.0), pose=at(z=5.0))
     with viewing(scene) as viewer:
-        showing = viewer._showing.twin()
-        before, look = showing.draw().copy(), showing.look
+        live_view = viewer._live_view.twin()
+        before, look = live_view.draw().copy(), live_view.look
         for changed in ({"switched": ("vignette",)}, {"modes": {"p": "x"}}):
-            showing.set_look(**{"kind": "color", "switched": (), "modes": {}, **changed})
-            assert "as in pyrender" in showing.line
-            assert showing.look == look
-            np.testing.assert_array_equal(showing.draw(), before)
-        showing.close()
+            live_view.set_look(**{"kind": "color", "switched": (), "modes": {}, **changed})
+            assert "as in pyrender" in live_view.line
+            assert live_view.look == look
+            np.testing.assert_array_equal(live_view.draw(), before)
+        live_view.close()
 
 
 def test_it_turns_by_itself_around_its_axis_at_its_rate(page):
@@ -418,14 +420,14 @@ def test_mouse_turns_pans_zooms_and_rolls(page):
     def drag(button, *modifiers):
         held = {"button": button, "modifiers": modifiers}
         for kind, x, y in (("down", 32, 12), ("move", 42, 18), ("up", 42, 18)):
-            showing.handle({"event_type": f"pointer_{kind}", "x": x, "y": y, **held})
+            live_view.handle({"event_type": f"pointer_{kind}", "x": x, "y": y, **held})
         found = pose_of(viewer)
         press(viewer, "z")
         np.testing.assert_allclose(pose_of(viewer), at(z=3), atol=1e-12)
         return found
 
     with viewing(scene) as viewer:
-        showing = viewer._showing
+        live_view = viewer._live_view
         turned = drag(1)
         assert np.linalg.norm(turned[:3, 3]) == pytest.approx(3.0)
         # A drag to the right turns what is seen to the right.
@@ -440,7 +442,7 @@ def test_mouse_turns_pans_zooms_and_rolls(page):
         rolled = drag(1, "Control")
         np.testing.assert_allclose(rolled[:3, 3], [0.0, 0.0, 3.0], atol=1e-12)
         assert abs(rolled[0, 1]) > 0.1
-        showing.handle({"event_type": "wheel", "x": 0, "y": 0, "dx": 0.0, "dy": -100.0})
+        live_view.handle({"event_type": "wheel", "x": 0, "y": 0, "dx": 0.0, "dy": -100.0})
         np.testing.assert_allclose(pose_of(viewer), at(z=2.7), atol=1e-12)
 
 
@@ -451,9 +453,9 @@ def test_f_fits_the_scene(page, is_perspective):
     scene.add(lens, pose=at(x=20.0, z=30.0))
     with viewing(scene, use_perspective_cam=is_perspective) as viewer:
         press(viewer, "f")
-        showing = viewer._showing.twin()
-        lit = showing.draw()[:, :, 0] > 40
-        showing.close()
+        live_view = viewer._live_view.twin()
+        lit = live_view.draw()[:, :, 0] > 40
+        live_view.close()
         rows, columns = (np.nonzero(lit.any(axis=axis))[0] for axis in (1, 0))
         assert rows.min() > 0
         assert rows.max() < 47
@@ -478,10 +480,10 @@ def test_registered_keys_call_their_functions(page):
         assert called == [(viewer, *one) for one in expected]
         # A function may change the scene.
         viewer.registered_keys = {
-            ord("b"): lambda one: one.scene.set_pose(one.scene._ordered()[0], at(9))
+            ord("b"): lambda one: one.scene.set_pose(one.scene._list_nodes()[0], at(9))
         }
         press(viewer, "b")
-        assert viewer._showing.scene.nodes[0].transform[0, 3] == 9.0
+        assert viewer._live_view.scene.nodes[0].transform[0, 3] == 9.0
 
 
 def test_error_of_a_registered_key_ends_it_and_is_raised(page):
@@ -539,9 +541,9 @@ def test_keys_of_our_viewer_that_pyrender_has_none_for_stay(page):
     scene, _ = box_scene()
     with viewing(scene) as viewer:
         press(viewer, "2")
-        assert viewer._showing.kind == "depth"
+        assert viewer._live_view.kind == "depth"
         press(viewer, "?")
-        assert viewer._showing._shows_help
+        assert viewer._live_view._shows_help
 
 
 def test_recording_lasts_as_long_as_it_took(page, tmp_path):
@@ -585,13 +587,13 @@ def test_recording_without_a_name_goes_to_a_new_file(page, tmp_path):
 def test_pages_share_the_camera_and_have_their_own_size(page):
     scene, _ = box_scene()
     with viewing(scene) as viewer:
-        twin = viewer._showing.twin()
-        assert isinstance(twin, Showing)
+        twin = viewer._live_view.twin()
+        assert isinstance(twin, LiveView)
         twin.resize((40, 30))
-        assert (twin.draw().shape, viewer._showing.draw().shape) == ((30, 40, 4), (48, 64, 4))
+        assert (twin.draw().shape, viewer._live_view.draw().shape) == ((30, 40, 4), (48, 64, 4))
         twin.handle({"event_type": "wheel", "x": 0, "y": 0, "dx": 0.0, "dy": -100.0})
-        viewer._showing.advance(1.0)
-        wait_until(lambda: viewer._showing._look_now() or viewer._showing.camera == twin.camera)
+        viewer._live_view.advance(1.0)
+        wait_until(lambda: viewer._live_view._update() or viewer._live_view.camera == twin.camera)
         twin.close()
         assert viewer.is_active
 
@@ -606,7 +608,9 @@ def test_notebook_goes_on_at_once_and_is_shown(monkeypatch):
             closed.append("widget")
 
     monkeypatch.setattr(show, "choose_backend", lambda backend: "notebook")
-    monkeypatch.setattr(notebook, "widget", lambda showing: closed.append(showing) or Widget())
+    monkeypatch.setattr(
+        notebook, "make_widget", lambda live_view: closed.append(live_view) or Widget()
+    )
     monkeypatch.setattr(display, "display", shown.append)
     for run_in_thread in (False, True):
         viewer = viewers.Viewer(scene, (64, 48), run_in_thread=run_in_thread)
@@ -632,8 +636,8 @@ def test_thread_has_windows_of_glfw_alone(monkeypatch, toolkit, platform, expect
     monkeypatch.setattr(sys, "platform", platform)
     monkeypatch.setattr(show, "choose_backend", lambda backend: "window")
     monkeypatch.setattr(window_probe, "find_toolkit", lambda: (toolkit, ""))
-    monkeypatch.setattr(viewers, "_WINDOW", threading.Lock())
-    monkeypatch.setattr(viewers.Viewer, "_run", lambda self, backend: ran.append(backend))
+    monkeypatch.setattr(viewers, "_WINDOW_LOCK", threading.Lock())
+    monkeypatch.setattr(viewers.Viewer, "_run_backend", lambda self, backend: ran.append(backend))
     for run_in_thread in (True, False):
         viewer = viewers.Viewer(scene, (64, 48), run_in_thread=run_in_thread)
         wait_until(lambda: len(ran) == 2 - run_in_thread)  # noqa: B023

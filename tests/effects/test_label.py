@@ -24,7 +24,7 @@ SIZE = (96, 64)
 FRONT = rj.PerspectiveCamera(eye=(0, 0, 10), target=(0, 0, 0), near=0.5, far=50.0)
 """The middle of its picture is the origin, between four pixels."""
 
-FONT = fonts.shipped_font()
+FONT = fonts.load_shipped_font()
 GLYPHS = FONT.characters
 FONT_HASH = "69853909b940023570964e29cffe30da95aea8de3627736b5cd15ab30143169f"
 
@@ -170,8 +170,8 @@ def test_every_kind_of_space_is_as_wide_as_a_space():
 
 def test_what_a_font_lacks_comes_from_another(tmp_path, monkeypatch):
     snow = write_font(tmp_path / "snow.ttf", {"\N{SNOWMAN}": 700}, names=("Snow", "Book"))
-    monkeypatch.setattr(fonts, "font_files", lambda: (str(snow),))
-    fonts.font_with.cache_clear()
+    monkeypatch.setattr(fonts, "list_font_files", lambda: (str(snow),))
+    fonts.find_font_with.cache_clear()
     text_layout._lay_out.cache_clear()
     try:
         layout = text_layout.lay_out("a\N{SNOWMAN}\N{COMET}\t\x00\u202e", 20.0)
@@ -185,7 +185,7 @@ def test_what_a_font_lacks_comes_from_another(tmp_path, monkeypatch):
         with pytest.raises(ValueError, match=r"font must be .* got 'Rain'"):
             fonts.find_font("Rain")
     finally:
-        fonts.font_with.cache_clear()
+        fonts.find_font_with.cache_clear()
         text_layout._lay_out.cache_clear()
 
 
@@ -194,7 +194,7 @@ def test_whatever_is_no_control_is_shown_as_a_box_at_least():
     for shown in "\ue000\U000f0001\U0010fffd\ufffe\U0003fffd\udc80\u0378":
         layout = text_layout.lay_out(f"a{shown}b", 20.0)
         assert len(layout.glyphs) == 3
-        assert layout.missing == shown * (fonts.font_with(shown, FONT) is None)
+        assert layout.missing == shown * (fonts.find_font_with(shown, FONT) is None)
     assert text_layout.lay_out("\U000f0001", 20.0).missing
     for silent in "\x00\x1b\x85\u00ad\u200d\u202e\ufeff\U000e0041":
         assert (
@@ -275,7 +275,7 @@ POLYGONS = [
 @pytest.mark.parametrize("turned", [1, -1])
 def test_areas_are_those_of_the_slow_twin(polygons, turned):
     polygons = [np.array(one, float)[::turned] for one in polygons]
-    found = text_layout.area_coverage(lines_of(polygons), (3, 4))
+    found = text_layout.rasterize_area(lines_of(polygons), (3, 4))
     for row in range(3):
         for column in range(4):
             area = sum(area_in_pixel(one.tolist(), column, row) for one in polygons)
@@ -351,7 +351,7 @@ def test_the_slow_twin_of_a_label_has_the_same_pixels(cube, camera):
         box = find_box(label, camera.project(label.position, SIZE).pixels.tolist())
         layout = text_layout.lay_out(label.text, label.size, "left")
         window = (-box.padding, -box.padding, box.width, box.height)
-        cover = text_layout.text_coverage(layout, label.size, window)
+        cover = text_layout.rasterize_text(layout, label.size, window)
         assert box.padding == 4
         wanted = plain.copy()
         for row in range(box.height):

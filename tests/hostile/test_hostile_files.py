@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 import rasterjit as rj
 from rasterjit.io.foreign import isolation
 from rasterjit.io.load_warnings import LoadWarning
-from rasterjit.io.meshes import readable_formats
+from rasterjit.io.meshes import list_readable_formats
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
@@ -52,7 +52,7 @@ FACES = {"off": 20, "glb": 50, "3mf": 36, "dae": 18, "binvox": 28}
 def readers_of_others_are_given_up_soon():
     """Files here are small."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(isolation, "_BASE_SECONDS", command.READER_SECONDS)
+        patch.setattr(isolation, "_BASE_CPU_SECONDS", command.READER_SECONDS)
         yield
 
 
@@ -104,7 +104,7 @@ def test_the_corpus_is_written_by_its_script(tmp_path):
 
 
 def test_every_extension_that_is_read_has_a_sound_file():
-    assert readable_formats() - set(all_samples.without_package()) == all_samples.extensions()
+    assert list_readable_formats() - set(all_samples.without_package()) == all_samples.extensions()
 
 
 @pytest.mark.parametrize("name", SAMPLES)

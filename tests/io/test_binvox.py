@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.io.binvox import voxel_faces
+from rasterjit.io.binvox import list_voxel_faces
 from rasterjit.io.load_warnings import MeshFileError
 
 
@@ -35,7 +35,7 @@ def slow_sides(full):
 
 def test_the_faces_are_the_sides_beside_empty_voxels_and_look_out():
     full = np.random.default_rng(5).random((3, 4, 5)) < 0.6
-    corners, faces = voxel_faces(full)
+    corners, faces = list_voxel_faces(full)
     a, b, c = corners[faces].transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     assert (np.abs(normals).sum(axis=1) == 1).all()
@@ -64,7 +64,7 @@ def test_runs_are_put_one_after_the_other(tmp_path):
     path = tmp_path / "A.BINVOX"
     path.write_bytes(b"#binvox 1\n\ndim 10 10 10\ndata\n" + bytes([0, 255, 1, 200, 0, 255, 0, 255])
                      + bytes([1, 35]))  # fmt: skip
-    corners, _ = voxel_faces(np.array([0] * 255 + [1] * 200 + [0] * 510 + [1] * 35, bool)
+    corners, _ = list_voxel_faces(np.array([0] * 255 + [1] * 200 + [0] * 510 + [1] * 35, bool)
                              .reshape(10, 10, 10).transpose(0, 2, 1))  # fmt: skip
     bounds = rj.load(path).nodes[0].mesh.bounds()
     np.testing.assert_allclose(bounds[0], corners.min(axis=0) / 10)

@@ -10,7 +10,7 @@ import trimesh
 from trimesh.path.entities import Arc, Bezier, Line, Text
 
 import rasterjit as rj
-from rasterjit.io.primitives import arc_through
+from rasterjit.io.primitives import make_arc
 from rasterjit.scene.color import srgb_to_linear
 
 RNG = np.random.default_rng(25)
@@ -296,7 +296,7 @@ ARC_RNG = np.random.default_rng(46)
 def test_an_arc_goes_through_its_points_and_reaches_as_far_as_its_bounds(axes, is_closed):
     for _ in range(50):
         through = ARC_RNG.normal(size=(3, axes)) * 10.0 ** ARC_RNG.integers(-9, 9)
-        arc = arc_through(through, is_closed)
+        arc = make_arc(through, is_closed)
         dense = arc.sample(4_000, through, is_closed)
         gaps = np.linalg.norm(dense[:, None] - through, axis=2).min(axis=0)
         assert (gaps <= 1e-3 * arc.radius).all()
@@ -326,11 +326,11 @@ def test_segments_of_an_arc_lie_beside_it_by_less_than_is_seen(sagitta):
 
 def test_points_on_a_line_are_an_arc_without_a_bend():
     through = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]])
-    assert arc_through(through, False) is None
+    assert make_arc(through, False) is None
     path = trimesh.path.Path2D(entities=[Arc([0, 1, 2])], vertices=through, process=False)
     assert lengths(rj.load(path).nodes[0].mesh).sum() == 5.0
     with pytest.raises(ValueError, match="a circle's points must not lie on a line"):
-        arc_through(through, True)
+        make_arc(through, True)
 
 
 def test_a_curve_of_no_number_is_refused_by_name_or_left_out():

@@ -12,7 +12,7 @@ from gltf_drafts import Draft, quad
 
 import rasterjit as rj
 from rasterjit.io.foreign.codecs import Decoder
-from rasterjit.io.gltf.compression import declared_draco_counts, decode_draco
+from rasterjit.io.gltf.compression import decode_draco, read_draco_counts
 from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 
 DracoPy = pytest.importorskip("DracoPy")
@@ -220,7 +220,7 @@ def test_names_in_a_stream_are_passed():
             points, faces, create_metadata=True, preserve_order=order,
             generic_attributes={"one": points, "two": points},
         )  # fmt: skip
-        assert declared_draco_counts(stream) == (len(faces), len(points))
+        assert read_draco_counts(stream) == (len(faces), len(points))
 
 
 def test_a_stream_counts_in_the_memory_that_a_file_may_take(tmp_path):

@@ -412,8 +412,8 @@ def test_sparse_and_normalized_accessors_and_strides_are_decoded(tmp_path):
     path.write_text(json.dumps(header))
     file = GltfFile(path, Resources(path))
     plain = np.array([[1, 2], [9, 9], [9, 10], [-127, -128]])
-    assert np.array_equal(file.array(0), plain)
-    assert file.array(1) == pytest.approx(np.maximum(plain / 127, -1.0))
+    assert np.array_equal(file.read_array(0), plain)
+    assert file.read_array(1) == pytest.approx(np.maximum(plain / 127, -1.0))
 
 
 def test_nothing_but_roots_is_shown_where_there_are_no_scenes(tmp_path):

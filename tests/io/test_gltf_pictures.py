@@ -15,7 +15,7 @@ from PIL import Image, features
 
 import rasterjit as rj
 from rasterjit.io.foreign.codecs import Decoder
-from rasterjit.io.gltf.compression import ktx2_pixels
+from rasterjit.io.gltf.compression import decode_ktx2
 from rasterjit.scene.memory_limits import MemoryBudget
 
 BASIS = "KHR_texture_basisu"
@@ -132,7 +132,7 @@ def test_damage_ends_in_an_error_or_a_picture():
             content[rng.randrange(12, len(content))] = rng.randrange(256)
         try:
             budget = MemoryBudget("a", 1 << 24)
-            pixels = ktx2_pixels(
+            pixels = decode_ktx2(
                 bytes(content[: rng.randrange(12, 2 * len(content))]), "it", budget, Decoder(budget)
             )
             outcomes.add(f"a picture of {pixels.shape[2]} channels")

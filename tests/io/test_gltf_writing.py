@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import rasterjit as rj
-from rasterjit.io.gltf.writing import rounded_units, stable_normals
+from rasterjit.io.gltf.writing import normalize_as_float32, stabilize_normals
 from rasterjit.io.load_warnings import SaveWarning
 from rasterjit.styles.small_preview import SIZE
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
@@ -234,11 +234,11 @@ def test_the_models_are_drawn_with_their_rounded_positions(tmp_path):
 
 def test_normals_stay_when_they_are_brought_to_unit_length_again():
     rng = np.random.default_rng(0)
-    normals = rounded_units(rng.normal(size=(100_000, 3)).astype(np.float32))
+    normals = normalize_as_float32(rng.normal(size=(100_000, 3)).astype(np.float32))
     normals[0] = 0.0
-    assert (rounded_units(normals) != normals).any(axis=1).mean() > 0.005
-    lasting, lost = stable_normals(normals)
-    assert (rounded_units(lasting) != normals).any(axis=1).sum() == lost < 5
+    assert (normalize_as_float32(normals) != normals).any(axis=1).mean() > 0.005
+    lasting, lost = stabilize_normals(normals)
+    assert (normalize_as_float32(lasting) != normals).any(axis=1).sum() == lost < 5
     assert np.abs(lasting - normals).max() < 0.0005
 
 

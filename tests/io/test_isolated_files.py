@@ -273,10 +273,10 @@ def test_the_kernel_itself_opens_nothing_else(tmp_path):
     (tmp_path / "b").write_text("b")
     code = f"""
 import ctypes, os, socket
-from rasterjit.io.foreign.sandbox import restrict_files, library_paths, isolate_network
+from rasterjit.io.foreign.sandbox import restrict_files, list_library_paths, isolate_network
 libc = ctypes.CDLL(None, use_errno=True)
 isolate_network()
-kept = restrict_files([{str(tmp_path / "in")!r}, *library_paths()])
+kept = restrict_files([{str(tmp_path / "in")!r}, *list_library_paths()])
 opened = [libc.open(place.encode(), flags) for place, flags in [
     ({str(tmp_path / "in" / "a")!r}, 0), ({str(tmp_path / "b")!r}, 0), ("/etc/passwd", 0),
     ({str(tmp_path / "in" / "a")!r}, 1), ({str(tmp_path / "in" / "c")!r}, 0o101)]]
@@ -519,7 +519,7 @@ HARMFUL = {
 @linux
 @pytest.mark.parametrize("name", HARMFUL)
 def test_what_crashes_or_never_ends_is_an_error_that_names_the_file(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(isolation, "_BASE_SECONDS", 3)
+    monkeypatch.setattr(isolation, "_BASE_CPU_SECONDS", 3)
     path, begin = HARMFUL[name](tmp_path), time.monotonic()
     with pytest.raises(ValueError, match=r"could not be read|max_bytes|damaged") as refused:
         rj.load(path, max_bytes=300 << 20)

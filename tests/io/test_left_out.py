@@ -14,7 +14,7 @@ from rasterjit.io.foreign.readers import CELL_FORMATS
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.load_warnings import LeftOut, LoadWarning
 from rasterjit.io.meshes import BUILTIN_FORMATS
-from rasterjit.io.text.xyz import ROW_FORMATS
+from rasterjit.io.text.xyz import XYZ_FORMATS
 
 
 def test_what_is_found_and_not_read_is_left_out():
@@ -72,7 +72,7 @@ def test_what_is_planted_in_a_file_is_named_with_its_number(tmp_path, form):
 def test_every_reader_of_ours_is_planted_with_something():
     formats = {name.partition(",")[0].split()[0] for name in PLANTED}
     alike = {
-        "laz": "las", "glb": "gltf", "vrm": "gltf", **dict.fromkeys(ROW_FORMATS, "xyz"),
+        "laz": "las", "glb": "gltf", "vrm": "gltf", **dict.fromkeys(XYZ_FORMATS, "xyz"),
         **dict.fromkeys(CELL_FORMATS, "vtu"),
     }  # fmt: skip
     ours = {*BUILTIN_FORMATS, *GLTF_FORMATS, *CELL_FORMATS, "binvox", "dxf", "svg", "3mf"}

@@ -17,7 +17,7 @@ from PIL import Image
 
 import rasterjit as rj
 from rasterjit.io.load_warnings import LeftOut, LoadWarning, MeshFileError
-from rasterjit.io.meshes import as_scene, from_trimesh, load, readable_formats
+from rasterjit.io.meshes import as_scene, from_trimesh, list_readable_formats, load
 from rasterjit.io.trimesh.scene import material_from_trimesh
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.color import srgb_to_linear
@@ -425,7 +425,7 @@ def test_a_format_whose_reader_is_not_installed_names_the_way_out(tmp_path, monk
 def test_what_trimesh_reads_by_a_program_on_path_is_not_read(tmp_path, monkeypatch):
     loaders = trimesh.exchange.load.mesh_loaders
     monkeypatch.setitem(loaders, "drc", loaders["ply"])
-    assert "drc" not in readable_formats()
+    assert "drc" not in list_readable_formats()
     with pytest.raises(MeshFileError, match=r"has the extension \.drc; readable formats are"):
         load(write(tmp_path / "a.drc", "ply"), isolate=False)
 

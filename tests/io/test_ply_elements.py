@@ -8,7 +8,7 @@ from PIL import Image
 
 import rasterjit as rj
 from rasterjit.io.load_warnings import LoadWarning
-from rasterjit.io.text.mesh_builder import strip_triangles
+from rasterjit.io.text.mesh_builder import triangulate_strips
 
 XYZ = "property float x\nproperty float y\nproperty float z\n"
 CORNERS = "property list uchar int vertex_indices\n"
@@ -96,7 +96,7 @@ def test_a_strip_among_vertices_that_are_not_there_is_damaged(tmp_path, number):
 def test_strips_of_random_lengths_are_cut_as_one_by_one():
     rng = np.random.default_rng(3)
     counts = rng.integers(0, 7, 40)
-    corners, strips = strip_triangles(counts)
+    corners, strips = triangulate_strips(counts)
     begins = np.cumsum(counts) - counts
     expected = [
         (triangle, number)

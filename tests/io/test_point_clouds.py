@@ -11,7 +11,7 @@ import trimesh
 
 import rasterjit as rj
 from rasterjit.io.point_clouds.pcd import unpack_lzf
-from rasterjit.io.primitives import default_size
+from rasterjit.io.primitives import choose_point_size
 from rasterjit.scene.color import srgb_to_linear
 
 RNG = np.random.default_rng(24)
@@ -471,7 +471,7 @@ def test_a_cloud_of_places_alone_is_grey_on_white_paper(tmp_path):
 
 def test_large_clouds_have_small_points():
     sizes = [
-        default_size(count)
+        choose_point_size(count)
         for count in (1, 10, 100, 1000, 100_000, 160_001, 444_000, 500_000, 10**8)
     ]
     assert sizes == [12, 12, 6, 3, 3, 2, 2, 1, 1]

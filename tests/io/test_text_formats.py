@@ -20,7 +20,7 @@ from rasterjit.cli import commands
 from rasterjit.io.load_warnings import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.primitives import Context
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import Names, triangles, unique_rows
+from rasterjit.io.text.mesh_builder import Names, number_rows, triangulate
 from rasterjit.io.text.mtl import MtlLibrary
 from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.text.obj import read_obj
@@ -625,7 +625,7 @@ def test_rows_are_joined_by_their_numbers():
     rng = np.random.default_rng(5)
     for most in (4, 1 << 40):
         table = rng.integers(0, 4, (50, 3)) * (most // 4)
-        rows, which = unique_rows(table)
+        rows, which = number_rows(table)
         assert np.array_equal(table[rows][which], table)
         assert len(rows) == len(np.unique(table, axis=0))
         assert np.array_equal(table[rows], np.unique(table, axis=0))
@@ -633,7 +633,7 @@ def test_rows_are_joined_by_their_numbers():
 
 @pytest.mark.parametrize("by_size", [False, True])
 def test_polygons_are_cut_into_fans(by_size):
-    corners, polygons = triangles(np.array([5, 3, 4]), by_size)
+    corners, polygons = triangulate(np.array([5, 3, 4]), by_size)
     assert np.bincount(polygons).tolist() == [3, 1, 2]
     assert corners[polygons == 0].tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
     assert corners[polygons == 2].tolist() == [[8, 9, 10], [10, 11, 8]]

@@ -284,7 +284,7 @@ def test_files_named_nearly_like_ours_stop_no_save(tmp_path, way):
 
 def test_a_folder_is_as_old_as_the_newest_in_it(tmp_path, monkeypatch):
     monkeypatch.setattr(locks, "_lock", lambda descriptor: False)
-    folder = atomic_write._temporary_path(tmp_path / "a.zarr", ".zarr")
+    folder = atomic_write._make_temporary_path(tmp_path / "a.zarr", ".zarr")
     (folder / "deep").mkdir(parents=True)
     (folder / "deep/chunk").touch()
     for one in (folder / "deep", folder):
@@ -343,7 +343,7 @@ def test_where_locks_forbid_others_to_write_nothing_is_held(tmp_path, mandatory)
 
 
 def test_what_is_not_held_is_left_when_it_is_old(tmp_path):
-    old = atomic_write._temporary_path(tmp_path / "a.bin", ".bin", atomic_write.UNLOCKED)
+    old = atomic_write._make_temporary_path(tmp_path / "a.bin", ".bin", atomic_write.UNLOCKED_NAMES)
     old.touch()
     sweep(tmp_path)
     assert old.exists()

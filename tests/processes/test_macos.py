@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rasterjit.cli.render_files import names_of
+from rasterjit.cli.render_files import choose_names
 from rasterjit.runtime import locks, sysctl, threads
 
 KNOWN = {b"hw.perflevel0.logicalcpu": (6).to_bytes(4, sys.byteorder)}
@@ -62,7 +62,7 @@ def test_elsewhere_sysctl_is_not_called(monkeypatch):
 def test_pictures_whose_names_differ_in_case_are_two_files(monkeypatch, platform):
     monkeypatch.setattr(sys, "platform", platform)
     files = (Path("one/Cube.obj"), Path("two/cube.obj"))
-    names = [str(name) for name in names_of(files, ".png").values()]
+    names = [str(name) for name in choose_names(files, ".png").values()]
     is_same = platform != "linux"
     assert len({name.casefold() for name in names}) == (2 if is_same else 1)
     assert len({*names}) == 2

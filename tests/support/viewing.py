@@ -29,7 +29,7 @@ PATIENCE = 300.0
 VIEW = """
 from rasterjit.cli import main
 from rasterjit.viewer import canvas
-canvas.NICENESS = 0
+canvas.ADDED_NICENESS = 0
 main()
 """
 """Runs the command line; its viewers make pictures better as if nobody else wanted a processor."""

@@ -75,6 +75,6 @@ def test_what_low_priority_and_what_it_begins_is_nicer():
         worker = canvas.Worker(low_priority=low_priority)
         found += [worker.submit(niceness).result(), worker.submit(of_another).result()]
         worker.close()
-    later = min(own + canvas.NICENESS, 19)
+    later = min(own + canvas.ADDED_NICENESS, 19)
     assert found == [own, own, later, later]
     assert niceness() == own

@@ -46,9 +46,9 @@ NO_DRIVER = {"VK_ICD_FILENAMES": "/nothing/there.json", "VK_DRIVER_FILES": "/not
 def kept(tmp_path, monkeypatch):
     """Return where trials are remembered, and forget what this process knows."""
     monkeypatch.setattr(window_probe, "user_cache_folder", lambda: tmp_path)
-    window_probe._cached_trial.cache_clear()
-    yield window_probe.results_file()
-    window_probe._cached_trial.cache_clear()
+    window_probe._get_trial_result.cache_clear()
+    yield window_probe.get_results_path()
+    window_probe._get_trial_result.cache_clear()
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def display(monkeypatch, kept):
     """Say that there is a display that answers, and GLFW alone."""
     monkeypatch.setattr(window_probe, "has_display", lambda: True)
     monkeypatch.setattr(window_probe, "is_display_open", lambda: True)
-    monkeypatch.setattr(window_probe, "toolkits", lambda: ["glfw"])
+    monkeypatch.setattr(window_probe, "list_toolkits", lambda: ["glfw"])
     monkeypatch.setattr(progress, "in_notebook", lambda: False)
 
 
@@ -126,7 +126,7 @@ def test_window_asked_for_by_name_is_an_error_of_status_1(tmp_path, under_xvfb):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="X servers listen so on Linux")
 def test_display_that_does_not_answer_is_said_before_anything_is_tried(kept, monkeypatch, capsys):
-    monkeypatch.setattr(window_probe, "toolkits", lambda: ["glfw"])
+    monkeypatch.setattr(window_probe, "list_toolkits", lambda: ["glfw"])
     monkeypatch.setattr(window_probe, "run_trial", lambda name: pytest.fail("tried"))
     monkeypatch.setattr(progress, "in_notebook", lambda: False)
     place = free_display()
@@ -154,14 +154,14 @@ def test_qt_without_its_libraries_is_said_and_the_next_is_taken(
     place.mkdir(parents=True)
     (place / "__init__.py").write_text(ABORTING.format(words=QT_WORDS))
     monkeypatch.syspath_prepend(place.parent)
-    monkeypatch.setattr(window_probe, "toolkits", lambda: ["PySide6", "glfw"])
+    monkeypatch.setattr(window_probe, "list_toolkits", lambda: ["PySide6", "glfw"])
     real = window_probe.run_trial
     monkeypatch.setattr(
         window_probe, "run_trial", lambda name: real(name) if name == "PySide6" else ""
     )
     assert "libxcb-cursor0" in window_probe.try_toolkit("PySide6")
     assert window_probe.find_toolkit() == ("glfw", "")
-    monkeypatch.setattr(window_probe, "toolkits", lambda: ["PySide6"])
+    monkeypatch.setattr(window_probe, "list_toolkits", lambda: ["PySide6"])
     with pytest.raises(ValueError, match="PySide6: it misses libraries of the system: apt install"):
         show.choose_backend("window")
 
@@ -209,7 +209,7 @@ def test_trial_is_made_once_and_remembered(kept, display, monkeypatch):
     tried = []
     monkeypatch.setattr(window_probe, "run_trial", lambda name: tried.append(name) or "")
     for _ in range(3):
-        window_probe._cached_trial.cache_clear()
+        window_probe._get_trial_result.cache_clear()
         assert window_probe.find_toolkit() == ("glfw", "")
     assert tried == ["glfw"]
     # Another display may tell something else.
@@ -224,14 +224,14 @@ def test_failure_is_remembered_for_a_day(kept, display, monkeypatch):
     now = window_probe.time.time()
     for hours, count in ((0, 1), (23, 1), (25, 2)):
         monkeypatch.setattr(window_probe.time, "time", lambda hours=hours: now + 3600 * hours)
-        window_probe._cached_trial.cache_clear()
+        window_probe._get_trial_result.cache_clear()
         assert window_probe.find_toolkit() == ("", "GLFW: no")
         assert len(tried) == count
 
 
 def test_trial_that_takes_long_is_not_remembered(kept, display, monkeypatch):
-    monkeypatch.setattr(window_probe, "TRIAL_TIMEOUT", 0.2)
-    monkeypatch.setattr(window_probe, "TRIAL", "import time; time.sleep(60)")
+    monkeypatch.setattr(window_probe, "TRIAL_SECONDS", 0.2)
+    monkeypatch.setattr(window_probe, "TRIAL_SCRIPT", "import time; time.sleep(60)")
     assert window_probe.find_toolkit() == ("", "GLFW: it did not show a picture in 0 s")
     assert not kept.exists()
 
@@ -247,13 +247,13 @@ def test_damaged_memory_is_passed_over(kept, display, monkeypatch, content):
 def test_memory_that_cannot_be_written_is_no_matter(display, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(window_probe, "user_cache_folder", lambda: tmp_path / "file")
-    window_probe._cached_trial.cache_clear()
+    window_probe._get_trial_result.cache_clear()
     monkeypatch.setattr(window_probe, "run_trial", lambda name: "")
     assert window_probe.find_toolkit() == ("glfw", "")
 
 
 def test_without_window_and_server_it_is_the_terminal(display, monkeypatch, capsys):
-    monkeypatch.setattr(window_probe, "toolkits", list)
+    monkeypatch.setattr(window_probe, "list_toolkits", list)
     monkeypatch.setattr(show, "SERVER_PACKAGES", ("no_such_server",))
     monkeypatch.setattr(canvas, "has_terminal", lambda: True)
     assert show.choose_backend("auto") == "terminal"

@@ -25,7 +25,7 @@ from rasterjit.viewer import effect_switches
 from rasterjit.viewer import viewer as viewing
 from rasterjit.viewer.controls import Fly
 from rasterjit.viewer.overlay import as_rows, mark_pixel, to_picture, write_panel
-from rasterjit.viewer.viewer import HELP, MAX_STEP, Viewer
+from rasterjit.viewer.viewer import HELP_ROWS, MAX_STEP_SECONDS, Viewer
 
 SIZE = (40, 30)
 BOTH = "color", "depth"
@@ -215,17 +215,17 @@ def test_view_of_an_address_returns_to_where_the_scene_fits(cube):
 
 
 def test_costs_of_a_scene_that_is_gone_are_not_shown(viewer, monkeypatch):
-    measure = effect_switches.costs
+    measure = effect_switches.measure_costs
 
     def slow(*arguments):
-        monkeypatch.setattr(effect_switches, "costs", measure)
+        monkeypatch.setattr(effect_switches, "measure_costs", measure)
         found = measure(*arguments)
         key(viewer, "k")
         return found
 
     key(viewer, "m")
-    monkeypatch.setattr(effect_switches, "costs", slow)
-    while effect_switches.costs is slow:
+    monkeypatch.setattr(effect_switches, "measure_costs", slow)
+    while effect_switches.measure_costs is slow:
         assert viewer.step()
     assert viewer.costs is None
     while viewer.step():
@@ -259,7 +259,7 @@ def test_frame_of_a_picture_that_is_gone_never_takes_the_place_of_another(cube):
     viewer = Watched(cube, size=SIZE)
     old = rj.render(cube, viewer.camera, size=SIZE, quality=DRAFT)
     viewer.other = other = threading.Thread(target=change)
-    viewer._keep(old, 0, 0.1)
+    viewer._store_frame(old, 0, 0.1)
     other.join()
     assert viewer.version == viewer._frame_version == 1
     viewer.close()
@@ -283,14 +283,14 @@ def test_a_draft_that_is_slower_than_a_step_is_not_shown(viewer, monkeypatch):
 
 def test_drawing_shows_its_own_frame_whatever_comes_meanwhile(viewer, monkeypatch):
     viewer.draw()
-    old, keep = viewer._frame, viewer._keep
+    old, keep = viewer._frame, viewer._store_frame
 
     def late(frame, version, *seconds, **options):
         kept = keep(frame, version, *seconds, **options)
         viewer._frame = old
         return kept
 
-    monkeypatch.setattr(viewer, "_keep", late)
+    monkeypatch.setattr(viewer, "_store_frame", late)
     key(viewer, "3")
     frame = rj.render(
         viewer.scene, viewer.camera, size=SIZE, quality=DRAFT, outputs=("normal", "depth")
@@ -447,7 +447,7 @@ def test_keys_fly(viewer):
     viewer.handle({"event_type": "key_down", "key": "w"})
     viewer.advance(10.0)
     travelled = np.linalg.norm(np.subtract(viewer.camera.eye, before.eye))
-    assert 0.0 < travelled <= MAX_STEP * viewer.controls.speed
+    assert 0.0 < travelled <= MAX_STEP_SECONDS * viewer.controls.speed
     pointer(viewer, "down", 3, 3)
     version = viewer.version
     pointer(viewer, "move", 9, 3)
@@ -463,7 +463,7 @@ def test_held_key_moves_as_far_at_any_rate_of_frames(viewer, monkeypatch):
     viewer.advance(0.4)
     assert viewer.controls == expected
     # A pause is none of its steps.
-    expected = viewer.controls.advance(0.4 + MAX_STEP)
+    expected = viewer.controls.advance(0.4 + MAX_STEP_SECONDS)
     viewer.advance(60.0)
     assert viewer.controls == expected
 
@@ -559,7 +559,7 @@ def test_scene_that_takes_too_long_moves_in_half_as_many_pixels_a_side(viewer, m
     viewer.enlarges = True
     # What is under the cursor is known all the same.
     event = {"event_type": "wheel", "x": 20, "y": 15}
-    assert viewer._depth_under(event) == half.depth[7, 10]
+    assert viewer._get_depth_under(event) == half.depth[7, 10]
     # Four times its time would be little.
     seconds[0] = 0.002
     for is_half in (True, False):
@@ -675,20 +675,20 @@ def test_help_fits_into_any_picture(cube, size):
 
 def test_every_effect_key_is_known_and_told():
     names = {effect.name for effect in EFFECTS}
-    assert effect_switches.KEYS == {
+    assert effect_switches.EFFECT_KEYS == {
         "o": "ambient occlusion", "k": "outline", "t": "tone mapping", "l": "shadows",
         "b": "environment background", "v": "environment light", "n": "fog", "x": "textures",
         "z": "vignette", "j": "labels", "y": "eye-dome lighting",
     }  # fmt: skip
-    assert set(effect_switches.KEYS.values()) <= names
-    assert {key: effect.name for key, effect in effect_switches.MODAL.items()} == {
+    assert set(effect_switches.EFFECT_KEYS.values()) <= names
+    assert {key: effect.name for key, effect in effect_switches.MODAL_EFFECTS.items()} == {
         "g": "wireframe", "p": "section",
     }  # fmt: skip
-    assert ("G", "wireframe: over the faces, alone, off") in HELP
-    assert ("P", "section: the scene's own, or across z, across x, across y, off") in HELP
-    rows = [(row[0].split(), row[1].split(", ")) for row in HELP]
+    assert ("G", "wireframe: over the faces, alone, off") in HELP_ROWS
+    assert ("P", "section: the scene's own, or across z, across x, across y, off") in HELP_ROWS
+    rows = [(row[0].split(), row[1].split(", ")) for row in HELP_ROWS]
     told = [pair for keys, words in rows for pair in zip(keys, words, strict=False)]
-    for one, name in effect_switches.KEYS.items():
+    for one, name in effect_switches.EFFECT_KEYS.items():
         assert (one.upper(), name) in told
         assert [keys.count(one.upper()) for keys, _ in rows].count(1) == 1
 

@@ -265,7 +265,7 @@ def test_page_cannot_end_it_nor_take_the_view_of_another(running):
         assert next_picture(first).size == (64, 48)
     with join(address) as third:
         exceptions = pytest.importorskip("websockets.exceptions")
-        third.send("x" * (browser.MAX_MESSAGE + 1))
+        third.send("x" * (browser.MAX_MESSAGE_BYTES + 1))
         with pytest.raises(exceptions.ConnectionClosed):
             next_told(third, lambda told: False)
         assert third.close_code == 1009
@@ -324,7 +324,7 @@ def test_first_picture_that_fails_ends_it_and_is_told():
 )
 def test_it_is_said_where_the_page_is_and_who_reaches_it(host, address, warned, monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "Box")
-    first, *more = browser.announcement(host, 80, "abc")
+    first, *more = browser.describe_address(host, 80, "abc")
     assert f"open {address} in" in first
     assert bool(more) == bool(warned)
     assert all(warned in line and "encrypted" in line and "abc" not in line for line in more)
@@ -475,10 +475,13 @@ def test_long_requests_are_refused():
     def status(field, path="/abc/"):
         return status_of([(b"host", b"localhost"), field], path)
 
-    assert status((b"x", b"y" * (browser.MAX_REQUEST - 100))) == 200
-    for field in ((b"x", b"y" * browser.MAX_REQUEST), (b"y" * browser.MAX_REQUEST, b"x")):
+    assert status((b"x", b"y" * (browser.MAX_REQUEST_BYTES - 100))) == 200
+    for field in (
+        (b"x", b"y" * browser.MAX_REQUEST_BYTES),
+        (b"y" * browser.MAX_REQUEST_BYTES, b"x"),
+    ):
         assert status(field) == 431
-    assert status((b"x", b"y"), "/" * browser.MAX_REQUEST) == 431
+    assert status((b"x", b"y"), "/" * browser.MAX_REQUEST_BYTES) == 431
 
 
 def test_name_that_it_is_bound_to_is_its_own():

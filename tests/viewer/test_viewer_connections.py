@@ -26,7 +26,7 @@ SHORT, LONG = 0.5, 3.0
 @pytest.fixture
 def address(cube, monkeypatch):
     monkeypatch.setattr(connections, "MAX_CONNECTIONS", FEW)
-    monkeypatch.setattr(connections, "LIFETIME", 1000.0)
+    monkeypatch.setattr(connections, "MAX_AGE_SECONDS", 1000.0)
     with serving(Viewer(cube, size=(8, 6))) as (address, _):
         yield address
 
@@ -79,7 +79,7 @@ def test_unfinished_requests_end_after_a_while(address, monkeypatch, begun):
     with connect(address) as patient:
         # It is there before the one that asks.
         assert answers(address)
-        monkeypatch.setattr(connections, "LIFETIME", SHORT)
+        monkeypatch.setattr(connections, "MAX_AGE_SECONDS", SHORT)
         with connect(address) as connection, suppress(ConnectionError):
             connection.sendall(begun)
             assert connection.recv(1) == b""
@@ -87,7 +87,7 @@ def test_unfinished_requests_end_after_a_while(address, monkeypatch, begun):
 
 
 def test_a_request_that_comes_byte_by_byte_ends_too(address, monkeypatch):
-    monkeypatch.setattr(connections, "LIFETIME", SHORT)
+    monkeypatch.setattr(connections, "MAX_AGE_SECONDS", SHORT)
     with connect(address) as connection:
         connection.sendall(BEGUN + b"X: ")
         limit = time.monotonic() + PATIENCE
@@ -100,7 +100,7 @@ def test_a_request_that_comes_byte_by_byte_ends_too(address, monkeypatch):
 
 
 def test_answered_requests_keep_no_connection(address, monkeypatch):
-    monkeypatch.setattr(connections, "LIFETIME", LONG)
+    monkeypatch.setattr(connections, "MAX_AGE_SECONDS", LONG)
     own, token = place_of(address)
     known = f"Host: {own}\r\nCookie: {cookie(token)}\r\n\r\n"
     for begun in ("GET / HTTP/1.1\r\n", "POST / HTTP/1.1\r\nContent-Length: 9\r\n"):
@@ -131,7 +131,7 @@ def test_of_too_many_connections_the_oldest_end(address):
 
 
 def test_socket_of_a_page_stays(address, monkeypatch):
-    monkeypatch.setattr(connections, "LIFETIME", LONG)
+    monkeypatch.setattr(connections, "MAX_AGE_SECONDS", LONG)
     with join(address) as page:
         say(page, "resize", pwidth=64, pheight=48, ratio=1)
         assert next_picture(page).size == (64, 48)
@@ -168,7 +168,7 @@ def test_socket_that_is_refused_is_closed(address, path, version):
 def test_long_headers_end_the_connection(address):
     with connect(address) as connection:
         with suppress(ConnectionError):
-            connection.sendall(BEGUN + b"X: " + b"y" * (2 * browser.MAX_REQUEST))
+            connection.sendall(BEGUN + b"X: " + b"y" * (2 * browser.MAX_REQUEST_BYTES))
         said = rest_of(connection)
         assert not said or b" 400 " in said.split(b"\r\n")[0]
     assert answers(address)

@@ -29,7 +29,7 @@ from viewing import (
 )
 
 import rasterjit as rj
-from rasterjit.viewer.overlay import EMPTY_GREY
+from rasterjit.viewer.overlay import BACKGROUND_GREY
 from rasterjit.viewer.viewer import Viewer
 
 pytestmark = [pytest.mark.takes_long, pytest.mark.needs_jit]
@@ -364,7 +364,7 @@ def test_objects_are_hidden_singled_out_and_coloured(page, model):
     assert colors[0] != colors[1]
     # An object keeps its colour when others are hidden.
     page.evaluate("document.querySelector('[data-number=\"0\"]').click()")
-    wait_for_pixels(page, {first: [EMPTY_GREY] * 3, second: colors[1]})
+    wait_for_pixels(page, {first: [BACKGROUND_GREY] * 3, second: colors[1]})
     mine.close()
 
 

@@ -21,8 +21,8 @@ from viewing import PATIENCE
 import rasterjit as rj
 from rasterjit.io.images import encode_png
 from rasterjit.viewer import browser_session, protocol
-from rasterjit.viewer.browser_session import MAX_IN_FLIGHT, MAX_WAITING, Tab, add_event
-from rasterjit.viewer.protocol import camera_code
+from rasterjit.viewer.browser_session import MAX_IN_FLIGHT, MAX_QUEUED, BrowserSession, add_event
+from rasterjit.viewer.protocol import format_camera_code
 from rasterjit.viewer.viewer import Viewer
 
 pytest.importorskip("simplejpeg")
@@ -38,7 +38,7 @@ class Page:
         if first is None:
             first = Future()
             first.set_result(None)
-        self.tab = Tab(viewer, first, self.hear)
+        self.tab = BrowserSession(viewer, first, self.hear)
 
     def hear(self, told):
         if isinstance(told, dict):
@@ -47,10 +47,10 @@ class Page:
         self.pictures.append(told[4:])
         (self.number,) = struct.unpack(">I", told[:4])
         if self.shows:
-            self.tab.take({"type": "shown", "number": self.number})
+            self.tab.queue_message({"type": "shown", "number": self.number})
 
     def say(self, kind, /, **fields):
-        self.tab.take({"type": kind, **fields})
+        self.tab.queue_message({"type": kind, **fields})
 
     def wait(self, is_there):
         limit = time.monotonic() + PATIENCE
@@ -84,7 +84,7 @@ def pair(cube):
 def page(pair):
     viewer = Viewer(pair, size=(8, 6))
     page = Page(viewer.twin())
-    page.tab.take(RESIZE)
+    page.tab.queue_message(RESIZE)
     page.settle()
     yield page
     page.tab.close()
@@ -102,8 +102,8 @@ def test_at_rest_the_picture_is_the_reference(page, pair):
 def test_pages_have_sizes_and_views_of_their_own(pair):
     viewer = Viewer(pair, size=(8, 6))
     first, second = Page(viewer.twin()), Page(viewer.twin())
-    first.tab.take(RESIZE)
-    second.tab.take({**RESIZE, "pwidth": 50, "ratio": 2.0})
+    first.tab.queue_message(RESIZE)
+    second.tab.queue_message({**RESIZE, "pwidth": 50, "ratio": 2.0})
     first.settle()
     second.settle()
     view = second.state["view"]
@@ -123,9 +123,9 @@ def test_nothing_is_drawn_before_the_first_picture_and_no_event_is_lost(cube):
     viewer, quick = (Viewer(cube, size=(80, 60)) for _ in range(2))
     first = Future()
     page = Page(viewer, first)
-    page.tab.take(RESIZE)
+    page.tab.queue_message(RESIZE)
     place = {"button": 1, "buttons": [1], "modifiers": [], "y": 30.0}
-    moves = [10.0 + 0.01 * n for n in range(2 * MAX_WAITING)]
+    moves = [10.0 + 0.01 * n for n in range(2 * MAX_QUEUED)]
     events = [("pointer_down", {**place, "x": 10.0})]
     events += [("pointer_move", {**place, "x": x}) for x in moves]
     events += [("pointer_up", {**place, "x": 30.0})]
@@ -146,7 +146,7 @@ def test_nothing_is_drawn_before_the_first_picture_and_no_event_is_lost(cube):
 
 def test_page_that_shows_nothing_gets_no_more_than_a_few(pair):
     page = Page(Viewer(pair, size=(8, 6)), shows=False)
-    page.tab.take(RESIZE)
+    page.tab.queue_message(RESIZE)
     for key in "+-+-":
         page.say("key_down", key=key, modifiers=[])
         time.sleep(0.2)
@@ -178,7 +178,7 @@ def test_a_picture_is_coded_while_the_next_is_drawn(pair, monkeypatch):
         return picture
 
     monkeypatch.setattr(viewer, "draw", draw_more)
-    page.tab.take(RESIZE)
+    page.tab.queue_message(RESIZE)
     assert drawn.wait(PATIENCE)
     assert not page.pictures
     release.set()
@@ -314,7 +314,7 @@ def test_what_cannot_be_told_does_not_end_the_page(page, monkeypatch):
     def fail(self):
         raise ValueError("no plan")
 
-    monkeypatch.setattr(Tab, "_effects", fail)
+    monkeypatch.setattr(BrowserSession, "_list_effects", fail)
     page.say("key_down", key="2", modifiers=[])
     time.sleep(0.3)
     monkeypatch.undo()
@@ -333,7 +333,7 @@ def test_viewer_that_changes_by_itself_is_looked_at(pair):
                 self.set_hidden([0])
 
     page = Page(Live(pair, size=(8, 6)))
-    page.tab.take(RESIZE)
+    page.tab.queue_message(RESIZE)
     page.wait(lambda page: page.state.get("hidden") == [0])
     page.settle()
     page.tab.close()
@@ -342,7 +342,7 @@ def test_viewer_that_changes_by_itself_is_looked_at(pair):
 def test_closed_page_lets_its_threads_go(pair):
     before = own_threads()
     page = Page(Viewer(pair, size=(8, 6)))
-    page.tab.take(RESIZE)
+    page.tab.queue_message(RESIZE)
     page.settle()
     page.tab.close()
     page.tab._thread.join(PATIENCE)
@@ -355,7 +355,7 @@ def test_closed_page_keeps_neither_pictures_nor_renderers(pair, does):
     """Also one from before the first picture; nothing waits for the collector of garbage."""
     first = Future()
     page = Page(Viewer(pair, size=(8, 6)), first)
-    page.tab.take(RESIZE)
+    page.tab.queue_message(RESIZE)
     if does != "wait":
         first.set_result(None)
         page.settle()
@@ -409,7 +409,7 @@ def drag(page, is_enough):
         number += 1
         page.say("pointer_move", x=10.0 + number % 60, **place)
         page.say("shown", number=min(number, page.tab.sent))
-        time.sleep(2.0 * browser_session.SLOW)
+        time.sleep(2.0 * browser_session.SLOW_SECONDS)
     page.say("pointer_up", x=10.0, **place)
 
 
@@ -418,9 +418,9 @@ def sides_of(pictures):
 
 
 def test_slow_page_gets_smaller_pictures_while_something_moves(pair, monkeypatch):
-    monkeypatch.setattr(browser_session, "SMALL_SECONDS", 1000.0)
+    monkeypatch.setattr(browser_session, "HALF_SIZE_SECONDS", 1000.0)
     page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
-    page.tab.take(RESIZE)
+    page.tab.queue_message(RESIZE)
     drag(page, lambda page: (40, 30) in sides_of(page.pictures))
     page.shows = True
     page.say("shown", number=page.tab.sent)
@@ -430,10 +430,10 @@ def test_slow_page_gets_smaller_pictures_while_something_moves(pair, monkeypatch
 
 
 def test_page_is_tried_with_larger_pictures_again(pair, monkeypatch):
-    monkeypatch.setattr(browser_session, "SMALL_SECONDS", 0.0)
+    monkeypatch.setattr(browser_session, "HALF_SIZE_SECONDS", 0.0)
     page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
-    page.tab.take(RESIZE)
-    drag(page, lambda page: len(page.pictures) > 4 * browser_session.MAX_SLOW)
+    page.tab.queue_message(RESIZE)
+    drag(page, lambda page: len(page.pictures) > 4 * browser_session.MAX_SLOW_FRAMES)
     assert sides_of(page.pictures) == {(80, 60)}
     page.tab.close()
 
@@ -464,7 +464,7 @@ def test_jpeg_is_near():
 )
 def test_code_of_a_camera_has_nine_digits(eye, text):
     camera = rj.PerspectiveCamera(eye, (9.0, 9.0, 9.0), fov_y=45.5)
-    code = camera_code(camera)
+    code = format_camera_code(camera)
     assert code == (
         f"rj.PerspectiveCamera(eye=({text}), target=(9, 9, 9), up=(0, 1, 0), fov_y=45.5)"
     )

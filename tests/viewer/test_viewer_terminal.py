@@ -28,17 +28,17 @@ from viewing import PATIENCE, VIEW
 
 import rasterjit as rj
 from rasterjit.viewer.terminal import (
+    KEY_RELEASE_SECONDS,
     QUIT_KEY,
-    RELEASE_SECONDS,
-    Abilities,
     InputReader,
     Screen,
+    TerminalGraphics,
+    encode_half_blocks,
     encode_sixels,
-    half_blocks,
-    panel_lines,
+    format_panel,
     query_terminal,
 )
-from rasterjit.viewer.viewer import HELP
+from rasterjit.viewer.viewer import HELP_ROWS
 
 pytestmark = pytest.mark.takes_long
 
@@ -292,7 +292,7 @@ def test_half_blocks_without_all_colours_are_the_nearest_numbered_ones():
     # Half of them nearly grey, as shaded things are.
     picture[:, 200:] = np.clip(picture[:, 200:, :1] + random.integers(0, 6, (2, 200, 3)), 0, 255)
     picture[:, -1] = [[255, 255, 255], [0, 0, 0]]
-    (line,) = half_blocks(picture, False)
+    (line,) = encode_half_blocks(picture, False)
     found = re.findall(r"\x1b\[48;5;(\d+)m\x1b\[38;5;(\d+)m", line)
     drawn = known[np.array(found, dtype=int).T - 16]
     far = np.square(picture[:, :, None] - known).sum(axis=3)
@@ -302,11 +302,11 @@ def test_half_blocks_without_all_colours_are_the_nearest_numbered_ones():
 
 def test_panel_folds_what_is_too_wide_and_cuts_what_is_too_long():
     rows = [("heading",), ("a", "one two three four five six"), ("bcd", "x")]
-    assert [line.rstrip() for line in panel_lines(rows, 24, 9)] == [
+    assert [line.rstrip() for line in format_panel(rows, 24, 9)] == [
         " heading", " a    one two three", "      four five six", " bcd  x",
     ]  # fmt: skip
-    assert [line.rstrip() for line in panel_lines(rows, 24, 2)] == [" heading", " ..."]
-    assert len({len(line) for line in panel_lines(rows, 24, 9)}) == 1
+    assert [line.rstrip() for line in format_panel(rows, 24, 2)] == [" heading", " ..."]
+    assert len({len(line) for line in format_panel(rows, 24, 9)}) == 1
 
 
 def test_way_of_the_environment_is_taken_unless_there_is_none(monkeypatch):
@@ -324,7 +324,7 @@ def stroke(value="", name="", **more):
 
 @pytest.mark.parametrize("tells_releases", [False, True])
 def test_keys_are_held_or_act_each_time(tells_releases):
-    screen = Screen(Abilities("blocks", (8, 16)), lambda text: None, lambda: (40, 15))
+    screen = Screen(TerminalGraphics("blocks", (8, 16)), lambda text: None, lambda: (40, 15))
     events = []
     screen.add_event_handler(lambda event: events.append(tuple(event.values())[:2]), "key_up")
     hands = InputReader(screen, tells_releases)
@@ -332,7 +332,7 @@ def test_keys_are_held_or_act_each_time(tells_releases):
     assert [hands.read(stroke(name="KEY_LEFT")) for _ in range(2)] == ["ArrowLeft", ""]
     assert hands.read(stroke(name="KEY_PGDOWN")) == "q"
     assert [hands.read(one) for one in (stroke("q"), stroke("\x03"))] == [QUIT_KEY, QUIT_KEY]
-    time.sleep(1.5 * RELEASE_SECONDS)
+    time.sleep(1.5 * KEY_RELEASE_SECONDS)
     hands.release_stale()
     released = [("key_up", "ArrowLeft"), ("key_up", "q")]
     assert events == ([] if tells_releases else released)
@@ -378,7 +378,7 @@ def test_help_fits_and_escape_closes_it_before_it_ends(tmux):
     tmux("send-keys", "h")
     wait_for(lambda lines: any("ends it, as Escape does" in line for line in lines))
     text = " ".join(" ".join(line.replace("▄", "").split()) for line in screen())
-    for cells in HELP:
+    for cells in HELP_ROWS:
         assert " ".join(" ".join(cells).split()) in text
     assert "Q end  H help" in screen()[-1]
     tmux("send-keys", "Escape")

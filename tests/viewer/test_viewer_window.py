@@ -31,10 +31,10 @@ from rasterjit.viewer import canvas as viewer_window
 from rasterjit.viewer.viewer import Viewer
 
 vertices, faces, folder = json.loads(sys.argv[1])
-viewer_window.NICENESS = 0
+viewer_window.ADDED_NICENESS = 0
 viewer = Viewer(rj.Mesh(vertices, faces), size=(200, 150))
 viewer.handle({"event_type": "key_down", "key": "i"})
-canvas, loop = viewer_window.window(viewer, "cube")
+canvas, loop = viewer_window.make_window(viewer, "cube")
 seen = []
 
 def look():
@@ -80,7 +80,7 @@ def found_in(screen, picture):
 @pytest.mark.needs_jit
 def test_window_shows_what_the_controls_foretell(tmp_path):
     missing = [name for name in ("Xvfb", "xvfb-run") if shutil.which(name) is None]
-    if missing or not window_probe.toolkits():
+    if missing or not window_probe.list_toolkits():
         assert not os.environ.get("CI"), missing
         pytest.skip(f"needs {missing or 'glfw'}")
     mesh = json.dumps([CUBE_VERTICES.tolist(), CUBE_FACES.tolist(), str(tmp_path)])
@@ -109,7 +109,7 @@ def test_no_display_is_said(cube, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(window_probe, "toolkits", lambda: ["glfw"])
+    monkeypatch.setattr(window_probe, "list_toolkits", lambda: ["glfw"])
     monkeypatch.setattr(window_probe, "is_display_open", lambda: True)
     monkeypatch.setattr(window_probe, "try_toolkit", lambda name: "")
     monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
@@ -118,7 +118,7 @@ def test_no_display_is_said(cube, monkeypatch):
     assert show.choose_backend("auto") == "browser"
     monkeypatch.setenv("DISPLAY", ":7")
     assert show.choose_backend("auto") == "window"
-    monkeypatch.setattr(window_probe, "toolkits", list)
+    monkeypatch.setattr(window_probe, "list_toolkits", list)
     assert show.choose_backend("auto") == "browser"
 
 
@@ -184,7 +184,7 @@ from rasterjit.viewer.viewer import Viewer
 
 vertices, faces = json.loads(sys.argv[1])
 viewer = Viewer(rj.Mesh(vertices, faces), size=(200, 150))
-canvas, loop = viewer_window.window(viewer, "cube")
+canvas, loop = viewer_window.make_window(viewer, "cube")
 kinds, seen = [], []
 
 def tool(*words):
@@ -222,7 +222,7 @@ print(json.dumps([[kind.__name__ for kind in kinds], seen]))
 @pytest.mark.needs_jit
 def test_window_that_is_resized_shows_the_same_view():
     missing = [name for name in ("Xvfb", "xvfb-run", "xdotool") if shutil.which(name) is None]
-    if missing or not window_probe.toolkits():
+    if missing or not window_probe.list_toolkits():
         assert not os.environ.get("CI"), missing
         pytest.skip(f"needs {missing or 'glfw'}")
     mesh = json.dumps([CUBE_VERTICES.tolist(), CUBE_FACES.tolist()])

@@ -20,8 +20,8 @@ if tuple(map(int, _mujoco.__version__.split(".")[:2])) < (3, 17):
         f"(found {_mujoco.__version__})"
     )
 
-from rasterjit.compat.mujoco.drawing import ModelScene
 from rasterjit.compat.mujoco.environments import draw_environment
+from rasterjit.compat.mujoco.model_scene import ModelScene
 from rasterjit.compat.mujoco.renderer import Renderer, from_model
 
 __all__ = ["ModelScene", "Renderer", "draw_environment", "from_model"]

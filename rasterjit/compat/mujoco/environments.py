@@ -13,7 +13,7 @@ from rasterjit.scene.validation import brief, one_of
 RENDER_MODES = "rgb_array", "depth_array", "rgbd_tuple"
 """What an environment may be asked to render."""
 
-TAKEN_OVER = (
+READ_ATTRIBUTES = (
     "model", "data", "camera_id", "default_cam_config", "height", "width", "max_geom", "_vopt",
 )  # fmt: skip
 """Attributes of gymnasium's ``MujocoRenderer`` that are read."""
@@ -47,7 +47,7 @@ def draw_environment(environment: Any) -> Any:
         )
     if isinstance(known, EnvironmentRenderer):
         return environment
-    missing = [name for name in TAKEN_OVER if not hasattr(known, name)]
+    missing = [name for name in READ_ATTRIBUTES if not hasattr(known, name)]
     if missing:
         raise ValueError(
             "environment must be one of gymnasium 1.0 or later, got one whose mujoco_renderer has "
@@ -82,20 +82,20 @@ class EnvironmentRenderer:
         """Return what gymnasium's renderer returns in a mode; depth as OpenGL's buffer has it."""
         mode = one_of("render_mode", render_mode, RENDER_MODES)
         renderer = self._renderer
-        renderer.update_scene(self.data, self._chosen_camera(), self._option)
+        renderer.update_scene(self.data, self._choose_camera(), self._option)
         renderer.disable_depth_rendering()
         color = renderer.render() if mode != "depth_array" else None
         if mode == "rgb_array":
             return color
         renderer.enable_depth_rendering()
-        depth = self._buffered(renderer.render())
+        depth = self._to_depth_buffer(renderer.render())
         return depth if mode == "depth_array" else (color, depth)
 
     def close(self) -> None:
         """Let threads and memory go."""
         self._renderer.close()
 
-    def _buffered(self, depth: Any) -> Any:
+    def _to_depth_buffer(self, depth: Any) -> Any:
         """Return depth as the share of it, 0 to 1, that a depth buffer holds."""
         camera = self._renderer.scene.camera[0]
         near, far = float(camera.frustum_near), float(camera.frustum_far)
@@ -103,7 +103,7 @@ class EnvironmentRenderer:
         share = (exact - near) / (far - near)
         return np.float32(share if camera.orthographic else share * far / exact)
 
-    def _chosen_camera(self) -> Any:
+    def _choose_camera(self) -> Any:
         """Return the camera that gymnasium would look through."""
         if self._camera is None:
             camera = self._camera = mujoco.MjvCamera()

@@ -46,7 +46,7 @@ def join(surfaces: Iterable[Triangulation]) -> Triangulation:
     )
 
 
-def moved(
+def scale_and_shift(
     surface: Triangulation, scale: tuple[float, float, float], z: float = 0.0
 ) -> Triangulation:
     """Return a surface that is scaled, and then moved along z; mirrored if two scales are < 0."""
@@ -56,7 +56,7 @@ def moved(
     return surface._replace(positions=surface.positions * factors + (0.0, 0.0, z), normals=normals)
 
 
-def _grid(rows: int, columns: int, rises: bool = False) -> NDArray[np.int64]:
+def _make_grid_faces(rows: int, columns: int, rises: bool = False) -> NDArray[np.int64]:
     """Return the triangles between rows and columns of vertices, and which way they are cut."""
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1, 1)
     low, high = first + (0, 1, columns), first + (1, columns + 1, columns)
@@ -91,14 +91,14 @@ def revolve(profile: Float64, slices: int, is_disk: bool = False) -> Triangulati
         # Where slices meet in a point each has its own, in the middle.
         u = turn + 0.5 / slices * (radius == 0.0)
         uv = np.stack([u, np.broadcast_to(1.0 - t, shape)], axis=-1)
-    faces = _grid(*shape)
+    faces = _make_grid_faces(*shape)
     corners = points.reshape(-1, 3)[faces]
     sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     faces = faces[np.linalg.norm(sides, axis=1) > 1e-12]
     return Triangulation(points.reshape(-1, 3), faces, normals.reshape(-1, 3), uv.reshape(-1, 2))
 
 
-def _arc(first: float, last: float, stacks: int, t: Any) -> Float64:
+def _make_arc(first: float, last: float, stacks: int, t: Any) -> Float64:
     """Return the profile of a ball of radius 1 between two elevations."""
     up = np.linspace(first, last, stacks + 1)
     radius, z = np.cos(up), np.sin(up)
@@ -106,7 +106,7 @@ def _arc(first: float, last: float, stacks: int, t: Any) -> Float64:
     return np.stack([radius, z, radius, z, t(up)], axis=1)
 
 
-def _disk(z: float, sign: float, slices: int, stacks: int) -> Triangulation:
+def _make_disk(z: float, sign: float, slices: int, stacks: int) -> Triangulation:
     """Return a disk of radius 1 that is seen from above (1) or below (-1)."""
     radius = np.arange(stacks + 1)[:: -1 if sign > 0.0 else 1] / stacks
     flat = np.zeros_like(radius)
@@ -116,7 +116,7 @@ def _disk(z: float, sign: float, slices: int, stacks: int) -> Triangulation:
 
 
 @functools.lru_cache(maxsize=64)
-def unit_shape(name: str, slices: int, stacks: int, quads: int) -> Triangulation:
+def make_unit_shape(name: str, slices: int, stacks: int, quads: int) -> Triangulation:
     """
     Return a shape of size 1 by its name.
 
@@ -125,55 +125,59 @@ def unit_shape(name: str, slices: int, stacks: int, quads: int) -> Triangulation
     """
     half, quarter = stacks // 2, 0.5 * math.pi
     if name == "ball":
-        return revolve(_arc(-quarter, quarter, 2 * half, lambda up: 0.5 - up / math.pi), slices)
+        return revolve(
+            _make_arc(-quarter, quarter, 2 * half, lambda up: 0.5 - up / math.pi), slices
+        )
     if name == "top":
-        return revolve(_arc(0.0, quarter, half, lambda up: 1.0 - up / quarter), slices)
+        return revolve(_make_arc(0.0, quarter, half, lambda up: 1.0 - up / quarter), slices)
     if name == "bottom":
-        return revolve(_arc(-quarter, 0.0, half, lambda up: -up / quarter), slices)
+        return revolve(_make_arc(-quarter, 0.0, half, lambda up: -up / quarter), slices)
     if name == "tube":
         z = np.linspace(-1.0, 1.0, stacks + 1)
         one = np.ones_like(z)
         return revolve(np.stack([one, z, one, 0.0 * one, 0.5 - 0.5 * z], axis=1), slices)
-    own = functools.partial(unit_shape, slices=slices, stacks=stacks, quads=quads)
+    own = functools.partial(make_unit_shape, slices=slices, stacks=stacks, quads=quads)
     if name == "cylinder":
-        disks = _disk(-1.0, -1.0, slices, half), _disk(1.0, 1.0, slices, half)
+        disks = _make_disk(-1.0, -1.0, slices, half), _make_disk(1.0, 1.0, slices, half)
         return join([own("tube"), *disks])
     if name == "cone":
         radius = np.linspace(1.0, 0.0, stacks + 1)
         slope = np.full_like(radius, math.sqrt(0.5))
         side = revolve(np.stack([radius, 1.0 - radius, slope, slope, radius], axis=1), slices)
-        return join([side, _disk(0.0, -1.0, slices, stacks)])
+        return join([side, _make_disk(0.0, -1.0, slices, stacks)])
     if name in ("arrow", "arrow1"):
         tip = 1.75 if name == "arrow" else 1.0
-        head = moved(own("cone"), (tip, tip, 1.0 / 6.0), 1.0 / 3.0)
-        return join([moved(own("cylinder"), (1.0, 1.0, 1.0 / 6.0), 1.0 / 6.0), head])
+        head = scale_and_shift(own("cone"), (tip, tip, 1.0 / 6.0), 1.0 / 3.0)
+        return join([scale_and_shift(own("cylinder"), (1.0, 1.0, 1.0 / 6.0), 1.0 / 6.0), head])
     if name == "arrow2":
-        ends = [moved(own("cone"), (1.75, s * 1.75, s / 6), s / 3) for s in (1.0, -1.0)]
-        return join([moved(own("tube"), (1, 1, 1 / 3)), *ends])
+        ends = [scale_and_shift(own("cone"), (1.75, s * 1.75, s / 6), s / 3) for s in (1.0, -1.0)]
+        return join([scale_and_shift(own("tube"), (1, 1, 1 / 3)), *ends])
     if name == "box":
-        return join(_box_side(quads, number) for number in range(6))
+        return join(_make_box_side(quads, number) for number in range(6))
     if name == "square":
-        return rectangle((-1.0, 1.0), (-1.0, 1.0), quads)
+        return make_rectangle((-1.0, 1.0), (-1.0, 1.0), quads)
     corners = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
     return Triangulation(
         corners, np.array([[0, 1, 2]]), np.tile((0.0, 0.0, 1.0), (3, 1)), corners[:, :2]
     )
 
 
-def rectangle(x: tuple[float, float], y: tuple[float, float], quads: int = 1) -> Triangulation:
+def make_rectangle(x: tuple[float, float], y: tuple[float, float], quads: int = 1) -> Triangulation:
     """Return a rectangle in the plane z = 0, its texture once over all of it."""
     share = np.linspace(0.0, 1.0, quads + 1)
     v, u = (part.ravel() for part in np.meshgrid(share, share, indexing="ij"))
     points = np.stack([x[0] + (x[1] - x[0]) * u, y[0] + (y[1] - y[0]) * v, 0.0 * u], axis=1)
     normals = np.tile((0.0, 0.0, 1.0), (len(points), 1))
-    return Triangulation(points, _grid(quads + 1, quads + 1), normals, np.stack([u, v], axis=1))
+    return Triangulation(
+        points, _make_grid_faces(quads + 1, quads + 1), normals, np.stack([u, v], axis=1)
+    )
 
 
-def _box_side(quads: int, number: int) -> Triangulation:
+def _make_box_side(quads: int, number: int) -> Triangulation:
     """Return a side of a box: right, left, back, front, top or bottom."""
     axis, sign = number // 2, 1.0 - 2.0 * (number % 2)
     across, up = (1, 2) if axis == 0 else (0, 2) if axis == 1 else (0, 1)
-    flat = rectangle((-1.0, 1.0), (-1.0, 1.0), quads)
+    flat = make_rectangle((-1.0, 1.0), (-1.0, 1.0), quads)
     points = np.empty_like(flat.positions)
     points[:, across], points[:, up], points[:, axis] = *flat.positions[:, :2].T, sign
     normals = np.zeros_like(points)
@@ -183,7 +187,7 @@ def _box_side(quads: int, number: int) -> Triangulation:
     return Triangulation(points, faces, normals, flat.uv)
 
 
-def plane(model: Any, number: int) -> Triangulation:
+def make_plane(model: Any, number: int) -> Triangulation:
     """Return a plane of the model, by its number; infinite ones reach beyond the far plane."""
     geom = np.flatnonzero(model.geom_type == 0)[number]
     far, halves, places = model.vis.map.zfar * model.stat.extent, [], []
@@ -198,10 +202,10 @@ def plane(model: Any, number: int) -> Triangulation:
             places[k] = (places[k] - 0.5) * half + k
         halves.append(half)
     x, y = halves
-    return rectangle((-x, x), (-y, y))._replace(uv=np.stack(places, axis=1))
+    return make_rectangle((-x, x), (-y, y))._replace(uv=np.stack(places, axis=1))
 
 
-def _corners(positions: Float64) -> Triangulation:
+def _make_flat_triangles(positions: Float64) -> Triangulation:
     """Return triangles (F, 3, 3) that share nothing, with the normals of their planes."""
     a, b, c = np.moveaxis(positions, 1, 0)
     normals = np.cross(b - a, c - a)
@@ -210,7 +214,7 @@ def _corners(positions: Float64) -> Triangulation:
     return Triangulation(positions.reshape(-1, 3), faces, np.repeat(normals, 3, axis=0), None)
 
 
-def mesh(model: Any, data_number: int) -> Triangulation:
+def make_mesh(model: Any, data_number: int) -> Triangulation:
     """Return a mesh of the model, or its convex hull, by the ``dataid`` of a geom."""
     number, is_hull = divmod(data_number, 2)
     start, has_uv = model.mesh_vertadr[number], model.mesh_texcoordadr[number] >= 0
@@ -218,30 +222,32 @@ def mesh(model: Any, data_number: int) -> Triangulation:
         graph = model.mesh_graph[model.mesh_graphadr[number] :]
         first = 2 + 3 * graph[0] + 3 * graph[1]
         numbers = graph[first : first + 3 * graph[1]].reshape(-1, 3)
-        hull = _corners(model.mesh_vert[start + numbers].astype(np.float64))
+        hull = _make_flat_triangles(model.mesh_vert[start + numbers].astype(np.float64))
         if has_uv:
             uv = model.mesh_texcoord[model.mesh_texcoordadr[number] + numbers].reshape(-1, 2)
-            hull = hull._replace(uv=v_up(uv))
+            hull = hull._replace(uv=flip_v(uv))
         return hull
     own = slice(model.mesh_faceadr[number], model.mesh_faceadr[number] + model.mesh_facenum[number])
-    corners = _corners(model.mesh_vert[start + model.mesh_face[own]].astype(np.float64))
+    corners = _make_flat_triangles(model.mesh_vert[start + model.mesh_face[own]].astype(np.float64))
     smooth = model.mesh_normal[model.mesh_normaladr[number] + model.mesh_facenormal[own]]
     smooth = smooth.reshape(-1, 3).astype(np.float64)
     if has_uv:
         places = model.mesh_texcoordadr[number] + model.mesh_facetexcoord[own]
-        return _merged(
-            corners._replace(normals=smooth, uv=v_up(model.mesh_texcoord[places].reshape(-1, 2)))
+        return _merge_vertices(
+            corners._replace(normals=smooth, uv=flip_v(model.mesh_texcoord[places].reshape(-1, 2)))
         )
     is_sharp = np.einsum("ij,ij->i", smooth, corners.normals) < MAX_ANGLE_COSINE
-    return _merged(corners._replace(normals=np.where(is_sharp[:, None], corners.normals, smooth)))
+    return _merge_vertices(
+        corners._replace(normals=np.where(is_sharp[:, None], corners.normals, smooth))
+    )
 
 
-def v_up(uv: NDArray[np.float32]) -> Float64:
+def flip_v(uv: NDArray[np.float32]) -> Float64:
     """Return texture coordinates with v up."""
     return np.stack([uv[:, 0], 1.0 - uv[:, 1].astype(np.float64)], axis=1)
 
 
-def _merged(surface: Triangulation) -> Triangulation:
+def _merge_vertices(surface: Triangulation) -> Triangulation:
     """Return a surface whose faces share equal vertices."""
     parts = [surface.positions, surface.normals]
     rows = np.concatenate(parts if surface.uv is None else [*parts, surface.uv], axis=1)
@@ -251,7 +257,7 @@ def _merged(surface: Triangulation) -> Triangulation:
     return Triangulation(surface.positions[first], faces, surface.normals[first], uv)
 
 
-def height_field(model: Any, number: int) -> Triangulation:
+def make_height_field(model: Any, number: int) -> Triangulation:
     """Return a height field of the model with its base."""
     rows, columns = int(model.hfield_nrow[number]), int(model.hfield_ncol[number])
     size = model.hfield_size[number].astype(np.float64)
@@ -259,24 +265,26 @@ def height_field(model: Any, number: int) -> Triangulation:
     heights = model.hfield_data[first : first + rows * columns].reshape(rows, columns) * size[2]
     x, y = np.linspace(-size[0], size[0], columns), np.linspace(-size[1], size[1], rows)
     points = np.stack(np.broadcast_arrays(x, y[:, None], heights), axis=-1).astype(np.float64)
-    top = points.reshape(-1, 3)[_grid(rows, columns, rises=True)]
+    top = points.reshape(-1, 3)[_make_grid_faces(rows, columns, rises=True)]
     walls = [
-        _wall(edge, -size[3])
+        _make_wall(edge, -size[3])
         for edge in (points[0], points[:, -1], points[-1, ::-1], points[::-1, 0])
     ]
-    low = moved(rectangle((-size[0], size[0]), (-size[1], size[1])), (1.0, 1.0, 1.0), -size[3])
+    low = scale_and_shift(
+        make_rectangle((-size[0], size[0]), (-size[1], size[1])), (1.0, 1.0, 1.0), -size[3]
+    )
     base = low.positions[low.faces[:, ::-1]]
-    return _corners(np.concatenate([top, *walls, base]))
+    return _make_flat_triangles(np.concatenate([top, *walls, base]))
 
 
-def _wall(edge: Float64, bottom: float) -> Float64:
+def _make_wall(edge: Float64, bottom: float) -> Float64:
     """Return the triangles, (F, 3, 3), from an edge, seen from left to right, down to a height."""
     low = edge.copy()
     low[:, 2] = bottom
-    return np.concatenate([low, edge])[_grid(2, len(edge))]
+    return np.concatenate([low, edge])[_make_grid_faces(2, len(edge))]
 
 
-def wrapped_in_cube(surface: Triangulation, factors: tuple[float, float, float]) -> Triangulation:
+def wrap_in_cube(surface: Triangulation, factors: tuple[float, float, float]) -> Triangulation:
     """
     Return a surface whose uv lead to the sides of a cube, which lie below each other in a picture.
 
@@ -305,10 +313,10 @@ def wrapped_in_cube(surface: Triangulation, factors: tuple[float, float, float])
     )
 
 
-def sky(quads: int = 16) -> Triangulation:
+def make_sky(quads: int = 16) -> Triangulation:
     """Return a cylinder seen from inside, of radius and half height 1, that a cube wraps."""
-    box = unit_shape("box", 8, 8, quads)
-    wrapped = wrapped_in_cube(box, (1.0, 1.0, 1.0))
+    box = make_unit_shape("box", 8, 8, quads)
+    wrapped = wrap_in_cube(box, (1.0, 1.0, 1.0))
     # The cube of the sky lies on its side.
     turned = np.stack(
         [wrapped.positions[:, 0], -wrapped.positions[:, 2], wrapped.positions[:, 1]], axis=1
@@ -317,7 +325,7 @@ def sky(quads: int = 16) -> Triangulation:
     return wrapped._replace(positions=turned / across[:, None], faces=wrapped.faces[:, ::-1])
 
 
-def haze(spread: float, slices: int) -> tuple[Triangulation, Float64]:
+def make_haze(spread: float, slices: int) -> tuple[Triangulation, Float64]:
     """Return the cone of haze above the horizon, of height 1, and the alpha of its vertices."""
     slope = math.atan2(1.0, spread)
     bend = math.sqrt(0.5) * spread * math.sin(slope) / math.sin(0.75 * math.pi - slope)

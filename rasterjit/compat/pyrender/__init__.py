@@ -39,7 +39,7 @@ from rasterjit.compat.pyrender.camera import (
 from rasterjit.compat.pyrender.constants import GLTF, RenderFlags, TextAlign
 from rasterjit.compat.pyrender.fields import NoOpenGLError as NoOpenGLError
 from rasterjit.compat.pyrender.installation import install as install
-from rasterjit.compat.pyrender.installation import share as _share
+from rasterjit.compat.pyrender.installation import share_names as _share
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial
 from rasterjit.compat.pyrender.mesh import Mesh

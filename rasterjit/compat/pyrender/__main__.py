@@ -43,19 +43,19 @@ def main(arguments: list[str]) -> None:
         print(USAGE, file=sys.stdout if asked else sys.stderr)
         raise SystemExit(0 if asked else 2)
     install()
-    _lead_children()
+    _set_up_children()
     if arguments[0] == "-m":
         name = arguments[1]
         sys.argv = arguments[1:]
-        _report(lambda: runpy.run_module(name, run_name="__main__", alter_sys=True))
+        _run_and_exit(lambda: runpy.run_module(name, run_name="__main__", alter_sys=True))
     sys.argv = arguments
     script = arguments[0]
     if Path(script).is_dir() or zipfile.is_zipfile(script):
-        _report(lambda: runpy.run_path(script, run_name="__main__"))
-    _report(lambda: _run_script(script))
+        _run_and_exit(lambda: runpy.run_path(script, run_name="__main__"))
+    _run_and_exit(lambda: _run_script(script))
 
 
-def _lead_children() -> None:
+def _set_up_children() -> None:
     """Let processes that the program starts find the stand-in for pyrender."""
     folder = str(Path(__file__).parent / "path")
     sys.path.insert(1, folder)
@@ -84,7 +84,7 @@ def _run_script(script: str) -> None:
     exec(compile(source, path, "exec"), main_module.__dict__)
 
 
-def _report(run: Callable[[], object]) -> None:
+def _run_and_exit(run: Callable[[], object]) -> None:
     """Run a program and exit as Python does, its traceback without the frames of this module."""
     try:
         run()
@@ -92,14 +92,14 @@ def _report(run: Callable[[], object]) -> None:
         raise
     except BaseException as error:
         steps = error.__traceback__
-        while steps is not None and _is_ours(steps.tb_frame.f_code.co_filename):
+        while steps is not None and _is_own_file(steps.tb_frame.f_code.co_filename):
             steps = steps.tb_next
         sys.excepthook(type(error), error.with_traceback(steps), steps)
         raise SystemExit(_INTERRUPTED if isinstance(error, KeyboardInterrupt) else 1) from None
     raise SystemExit(0)
 
 
-def _is_ours(file: str) -> bool:
+def _is_own_file(file: str) -> bool:
     """Tell files that run the program from those of the program."""
     return file == __file__ or file.startswith("<frozen runpy") or file == runpy.__file__
 

@@ -13,11 +13,11 @@ from rasterjit.compat.pyrender.constants import DEFAULT_Z_FAR, DEFAULT_Z_NEAR
 from rasterjit.compat.pyrender.fields import (
     Field,
     OwnedField,
-    above_zero,
-    above_zero_or_none,
-    at_least_zero,
-    number,
-    text_or_none,
+    to_non_negative,
+    to_number,
+    to_positive,
+    to_positive_or_none,
+    to_text_or_none,
 )
 from rasterjit.scene import transforms
 from rasterjit.scene.validation import finite_number
@@ -52,22 +52,22 @@ class Camera(abc.ABC):
         self.znear = znear
         self.zfar = zfar
 
-    name = Field(text_or_none, "str or None: the camera's name.")
-    znear = Field(at_least_zero, "float: distance of the near plane, scene units.")
+    name = Field(to_text_or_none, "str or None: the camera's name.")
+    znear = Field(to_non_negative, "float: distance of the near plane, scene units.")
 
-    def _beyond_near(self, value: Any) -> float:
+    def _check_beyond_near(self, value: Any) -> float:
         """Return a distance beyond the near plane, or raise ``ValueError``."""
-        far = number(value)
+        far = to_number(value)
         if far <= 0.0 or far <= self.znear:
             raise ValueError(f"must be above 0 and znear = {self.znear!r}, got {far!r}")
         return far
 
-    def _beyond_near_or_none(self, value: Any) -> float | None:
+    def _check_beyond_near_or_none(self, value: Any) -> float | None:
         """Return a distance beyond the near plane, or None."""
-        return None if value is None else self._beyond_near(value)
+        return None if value is None else self._check_beyond_near(value)
 
     zfar: OwnedField[float | None] = OwnedField(
-        _beyond_near, "float: distance of the far plane, scene units."
+        _check_beyond_near, "float: distance of the far plane, scene units."
     )
 
     @abc.abstractmethod
@@ -76,7 +76,7 @@ class Camera(abc.ABC):
     ) -> NDArray[np.float64]:
         """Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels."""
 
-    def _with_depth(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _fill_depth_rows(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
         """Fill the rows of depth and of w of a perspective projection, and return it."""
         near, far = self.znear, self.zfar
         projection[3, 2] = -1.0
@@ -119,11 +119,11 @@ class PerspectiveCamera(Camera):
         self.yfov = yfov
         self.aspectRatio = aspectRatio
 
-    yfov = Field(above_zero, "float: vertical field of view, radians.")
-    aspectRatio = Field(above_zero_or_none, "float or None: width over height of the view.")
+    yfov = Field(to_positive, "float: vertical field of view, radians.")
+    aspectRatio = Field(to_positive_or_none, "float or None: width over height of the view.")
 
     zfar = OwnedField(
-        Camera._beyond_near_or_none, "float or None: distance of the far plane, scene units."
+        Camera._check_beyond_near_or_none, "float or None: distance of the far plane, scene units."
     )
 
     def get_projection_matrix(
@@ -147,7 +147,7 @@ class PerspectiveCamera(Camera):
         focal = (cosine or _RIGHT_ANGLE) / sine
         projection = np.zeros((4, 4))
         projection[0, 0], projection[1, 1] = focal / aspect, focal
-        return self._with_depth(projection)
+        return self._fill_depth_rows(projection)
 
 
 class OrthographicCamera(Camera):
@@ -180,9 +180,9 @@ class OrthographicCamera(Camera):
         super().__init__(znear, zfar, name)
         self.xmag, self.ymag = xmag, ymag
 
-    xmag = Field(above_zero, "float: half the width of what is shown, scene units.")
-    ymag = Field(above_zero, "float: half the height of what is shown, scene units.")
-    znear = Field(above_zero, "float: distance of the near plane, scene units.")
+    xmag = Field(to_positive, "float: half the width of what is shown, scene units.")
+    ymag = Field(to_positive, "float: half the height of what is shown, scene units.")
+    znear = Field(to_positive, "float: distance of the near plane, scene units.")
 
     def get_projection_matrix(
         self, width: int | None = None, height: int | None = None
@@ -190,7 +190,7 @@ class OrthographicCamera(Camera):
         """Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels."""
         y = self.ymag
         x = self.xmag if width is None or height is None else width / height * y
-        near, far = self.znear, self._beyond_near(self.zfar)
+        near, far = self.znear, self._check_beyond_near(self.zfar)
         projection = np.diag([1.0 / x, 1.0 / y, 2.0 / (near - far), 1.0])
         projection[2, 3] = (far + near) / (near - far)
         return projection
@@ -230,10 +230,10 @@ class IntrinsicsCamera(Camera):
         self.fx, self.fy = fx, fy
         self.cx, self.cy = cx, cy
 
-    fx = Field(number, "float: focal length along x, pixels.")
-    fy = Field(number, "float: focal length along y, pixels.")
-    cx = Field(number, "float: principal point from the left edge, pixels.")
-    cy = Field(number, "float: principal point from the upper edge, pixels.")
+    fx = Field(to_number, "float: focal length along x, pixels.")
+    fy = Field(to_number, "float: focal length along y, pixels.")
+    cx = Field(to_number, "float: principal point from the left edge, pixels.")
+    cy = Field(to_number, "float: principal point from the upper edge, pixels.")
 
     def get_projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:  # type: ignore[override]
         """Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels."""
@@ -242,4 +242,4 @@ class IntrinsicsCamera(Camera):
         projection[0, 0], projection[1, 1] = 2.0 * self.fx / width, 2.0 * self.fy / height
         projection[0, 2] = 1.0 - 2.0 * self.cx / width
         projection[1, 2] = 2.0 * self.cy / height - 1.0
-        return self._with_depth(projection)
+        return self._fill_depth_rows(projection)

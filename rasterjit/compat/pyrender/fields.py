@@ -29,7 +29,7 @@ class Field(Generic[T]):
         self._check, self.__doc__ = check, doc
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self._name, self._kept = name, "_" + name
+        self._name, self._storage_name = name, "_" + name
 
     @overload
     def __get__(self, instance: None, owner: type) -> Field[T]: ...
@@ -41,50 +41,51 @@ class Field(Generic[T]):
         if instance is None:
             return self
         try:
-            return instance.__dict__[self._kept]  # type: ignore[no-any-return]
+            return instance.__dict__[self._storage_name]  # type: ignore[no-any-return]
         except KeyError:
             raise AttributeError(f"{self._name} of {owner.__name__} was not set") from None
 
     def __set__(self, instance: object, value: Any) -> None:
-        kept = named(self._name, lambda given: self._checked(instance, given), value)
-        instance.__dict__[self._kept] = kept
+        instance.__dict__[self._storage_name] = check_named(
+            self._name, lambda unchecked: self._run_check(instance, unchecked), value
+        )
 
-    def _checked(self, instance: object, value: Any) -> T:
+    def _run_check(self, instance: object, value: Any) -> T:
         return self._check(value)
 
 
 class OwnedField(Field[T]):
-    """An attribute whose check takes the object that has it as well: ``check(object, value)``."""
+    """A `Field` whose check also takes the object that has it: ``check(object, value)``."""
 
     def __init__(self, check: Callable[[Any, Any], T], doc: str) -> None:
         self._owned_check, self.__doc__ = check, doc
 
-    def _checked(self, instance: object, value: Any) -> T:
+    def _run_check(self, instance: object, value: Any) -> T:
         return self._owned_check(instance, value)
 
 
-def named(name: str, check: Callable[[Any], T], value: Any) -> T:
-    """Return what a check returns, or raise its error with a name before it and the value."""
+def check_named(name: str, check: Callable[[Any], T], value: Any) -> T:
+    """Return the result of a check; raise its error with the name and the value added."""
     try:
         return check(value)
     except (TypeError, ValueError) as error:
-        # Some say themselves what they got.
+        # Some messages name the value already.
         got = "" if ", got " in str(error) else f", got {short_repr(value)}"
         raise type(error)(f"{name} {error}{got}") from None
 
 
-def anything(value: Any) -> Any:
+def keep_any(value: Any) -> Any:
     """Return a value as it is."""
     return value
 
 
-def text_or_none(value: Any) -> str | None:
-    """Return a name as text, None where there is none."""
+def to_text_or_none(value: Any) -> str | None:
+    """Return a name as text; None stays."""
     return None if value is None else str(value)
 
 
-def number(value: Any) -> float:
-    """Return a number, also that of an array of one, or raise what ``float`` raises."""
+def to_number(value: Any) -> float:
+    """Return a number, also of an array of one, or raise ``TypeError`` or ``ValueError``."""
     try:
         return float(value.reshape(()) if isinstance(value, np.ndarray) else value)
     except TypeError:
@@ -93,42 +94,42 @@ def number(value: Any) -> float:
         raise ValueError("must be a number") from None
 
 
-def above_zero(value: Any) -> float:
+def to_positive(value: Any) -> float:
     """Return a number above 0."""
-    given = number(value)
+    given = to_number(value)
     if given <= 0.0:
         raise ValueError("must be above 0")
     return given
 
 
-def at_least_zero(value: Any) -> float:
+def to_non_negative(value: Any) -> float:
     """Return a number of at least 0."""
-    given = number(value)
+    given = to_number(value)
     if given < 0.0:
         raise ValueError("must be at least 0")
     return given
 
 
-def above_zero_or_none(value: Any) -> float | None:
+def to_positive_or_none(value: Any) -> float | None:
     """Return a number above 0, or None."""
-    return None if value is None else above_zero(value)
+    return None if value is None else to_positive(value)
 
 
-def share(value: Any) -> float:
+def to_share(value: Any) -> float:
     """Return a number in 0..1."""
-    given = number(value)
+    given = to_number(value)
     if not 0.0 <= given <= 1.0:
         raise ValueError("must be in 0..1")
     return given
 
 
-def share_or_one(value: Any) -> float:
-    """Return a number in 0..1, 1 where there is none."""
-    return 1.0 if value is None else share(value)
+def to_share_or_one(value: Any) -> float:
+    """Return a number in 0..1; 1 for None."""
+    return 1.0 if value is None else to_share(value)
 
 
-def yes_or_no(value: Any) -> bool:
-    """Return a bool; what is none raises ``TypeError``."""
+def to_bool(value: Any) -> bool:
+    """Return a bool, or raise ``TypeError``."""
     if not isinstance(value, bool):
         raise TypeError("must be True or False")
     return value
@@ -143,7 +144,7 @@ _INSTEAD = (
 
 
 class NoOpenGLError(AttributeError):
-    """A part of pyrender was asked for that belongs to OpenGL; ``hasattr`` says that it is not."""
+    """A part of pyrender that belongs to OpenGL was requested; ``hasattr`` returns False for it."""
 
     def __init__(self, what: str) -> None:
         super().__init__(f"{what} {_INSTEAD}")

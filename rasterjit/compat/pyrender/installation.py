@@ -45,7 +45,7 @@ SHARED: dict[str, dict[str, tuple[str, ...]]] = {
 """For each module, what it has of which other; no name may mean something else there."""
 
 
-def share() -> None:
+def share_names() -> None:
     """Give the modules of this package those names."""
     for module, sources in SHARED.items():
         there = importlib.import_module(f"{__package__}.{module}")

@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.compat.pyrender.fields import (
     Field,
     OwnedField,
-    above_zero_or_none,
-    anything,
-    number,
-    text_or_none,
+    keep_any,
+    to_number,
+    to_positive_or_none,
+    to_text_or_none,
 )
 from rasterjit.compat.pyrender.utils import format_color_vector
 from rasterjit.scene import light
 
-_WIDEST = math.pi / 2.0 + 1e-9
+_MAX_ANGLE = math.pi / 2.0 + 1e-9
 """Of cones, radians: rounding errors of a right angle are taken."""
 
 
@@ -52,13 +52,13 @@ class Light(abc.ABC):
         self.intensity = 1.0 if intensity is None else intensity
         self.shadow_texture = None
 
-    name = Field(text_or_none, "str or None: the light's name.")
+    name = Field(to_text_or_none, "str or None: the light's name.")
     color = Field(lambda value: format_color_vector(value, 3), "(3,) float32: linear RGB.")
-    intensity = Field(number, "float: factor on the colour.")
-    shadow_texture = Field(anything, "As it was set, and without effect: shadow maps are not kept.")
+    intensity = Field(to_number, "float: factor on the colour.")
+    shadow_texture = Field(keep_any, "As it was set, and without effect: shadow maps are not kept.")
 
     @abc.abstractmethod
-    def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
+    def convert(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
 
     @property
@@ -70,7 +70,7 @@ class Light(abc.ABC):
 class DirectionalLight(Light):
     """Light from infinitely far away; takes what `Light` takes."""
 
-    def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
+    def convert(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
         return light.DirectionalLight(-pose[:3, 2], shadow=shadow)
 
@@ -97,9 +97,9 @@ class PointLight(Light):
         super().__init__(color, intensity, name)
         self.range = range
 
-    range = Field(above_zero_or_none, "float or None: a distance in scene units; kept.")
+    range = Field(to_positive_or_none, "float or None: a distance in scene units; kept.")
 
-    def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
+    def convert(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
         return light.PointLight(pose[:3, 3], shadow=shadow)
 
@@ -135,17 +135,18 @@ class SpotLight(Light):
         self.innerConeAngle = innerConeAngle
         self.range = range
 
-    range = Field(above_zero_or_none, "float or None: a distance in scene units; kept.")
+    range = Field(to_positive_or_none, "float or None: a distance in scene units; kept.")
 
     outerConeAngle = Field(
-        lambda value: _angle(value, _WIDEST), "float: angle from the axis where it ends, radians."
+        lambda value: _check_angle(value, _MAX_ANGLE),
+        "float: angle from the axis where it ends, radians.",
     )
     innerConeAngle = OwnedField(
-        lambda light, value: _angle(value, light.outerConeAngle),
+        lambda light, value: _check_angle(value, light.outerConeAngle),
         "float: angle from the axis where the light begins to fall off, radians.",
     )
 
-    def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
+    def convert(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
         return light.SpotLight(
             pose[:3, 3],
@@ -156,9 +157,9 @@ class SpotLight(Light):
         )
 
 
-def _angle(value: float, most: float) -> float:
+def _check_angle(value: float, most: float) -> float:
     """Return an angle in 0..most, radians, or raise ``ValueError``."""
-    angle = number(value)
+    angle = to_number(value)
     if not 0.0 <= angle <= most:
         raise ValueError(f"must be in 0..{most:g} radians, got {angle:g}")
     return angle

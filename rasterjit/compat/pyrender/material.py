@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.compat.pyrender.constants import TexFlags
 from rasterjit.compat.pyrender.fields import (
     Field,
-    share,
-    share_or_one,
-    text_or_none,
-    yes_or_no,
+    to_bool,
+    to_share,
+    to_share_or_one,
+    to_text_or_none,
 )
 from rasterjit.compat.pyrender.texture import Texture
 from rasterjit.compat.pyrender.utils import format_color_vector, format_texture_source
@@ -23,7 +23,7 @@ from rasterjit.scene import material
 _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
 
-def _texture_of(channels: str) -> Field[Texture | None]:
+def _make_texture_field(channels: str) -> Field[Texture | None]:
     """Return the field of a texture, which is made of a picture if need be."""
 
     def checked(value: Any) -> Texture | None:
@@ -35,7 +35,7 @@ def _texture_of(channels: str) -> Field[Texture | None]:
     return Field(checked, f"Texture or None: a picture is made one, of channels {channels}.")
 
 
-def _color_of(channels: int, default: float | None = None) -> Field[NDArray[np.float32]]:
+def _make_color_field(channels: int, default: float | None = None) -> Field[NDArray[np.float32]]:
     """Return the field of a colour; None, where it is taken, is a default of all channels."""
 
     def checked(value: Any) -> NDArray[np.float32]:
@@ -45,7 +45,7 @@ def _color_of(channels: int, default: float | None = None) -> Field[NDArray[np.f
     return Field(checked, f"({channels},) float32: linear light.")
 
 
-def _alpha_mode(value: Any) -> str:
+def _check_alpha_mode(value: Any) -> str:
     """Return a mode if it is one."""
     if not isinstance(value, str) or value not in _ALPHA_MODES:
         raise ValueError(f"must be one of {', '.join(_ALPHA_MODES)}")
@@ -101,16 +101,16 @@ class Material:
         self.doubleSided = doubleSided
         self.smooth, self.wireframe = smooth, wireframe
 
-    name = Field(text_or_none, "str or None: the material's name.")
-    normalTexture = _texture_of("RGB")
-    occlusionTexture = _texture_of("R")
-    emissiveTexture = _texture_of("RGB")
-    emissiveFactor = _color_of(3, 0.0)
-    alphaMode = Field(_alpha_mode, "str: OPAQUE, MASK or BLEND.")
-    alphaCutoff = Field(share, "float: the least alpha that is seen under MASK.")
-    doubleSided = Field(yes_or_no, "bool: whether back faces are drawn.")
-    smooth = Field(yes_or_no, "bool: as it was given.")
-    wireframe = Field(yes_or_no, "bool: whether edges are drawn in place of faces.")
+    name = Field(to_text_or_none, "str or None: the material's name.")
+    normalTexture = _make_texture_field("RGB")
+    occlusionTexture = _make_texture_field("R")
+    emissiveTexture = _make_texture_field("RGB")
+    emissiveFactor = _make_color_field(3, 0.0)
+    alphaMode = Field(_check_alpha_mode, "str: OPAQUE, MASK or BLEND.")
+    alphaCutoff = Field(to_share, "float: the least alpha that is seen under MASK.")
+    doubleSided = Field(to_bool, "bool: whether back faces are drawn.")
+    smooth = Field(to_bool, "bool: as it was given.")
+    wireframe = Field(to_bool, "bool: whether edges are drawn in place of faces.")
 
     @property
     def is_transparent(self) -> bool:
@@ -118,32 +118,32 @@ class Material:
         if self.alphaMode == "OPAQUE":
             return False
         least = 1.0 if self.alphaMode == "BLEND" else self.alphaCutoff
-        color, picture = self._base()
+        color, picture = self._get_base()
         return bool(color[3] < least) or (picture is not None and picture.is_transparent(least))
 
     @property
     def least_alpha(self) -> float:
         """The least alpha of its base colour, in 0..1; 0 where a texture has some below 1."""
-        color, picture = self._base()
+        color, picture = self._get_base()
         is_seen_through = picture is not None and not picture.is_opaque
         return 0.0 if is_seen_through else min(max(float(color[3]), 0.0), 1.0)
 
     @property
     def tex_flags(self) -> int:
         """Which textures it has, as ``TexFlags`` numbers them."""
-        given = [flag for flag, texture in self._flagged() if texture is not None]
+        given = [flag for flag, texture in self._list_flagged() if texture is not None]
         return int(sum(given))
 
     @property
     def textures(self) -> set[Texture]:
         """Its textures."""
-        return {texture for _, texture in self._flagged() if texture is not None}
+        return {texture for _, texture in self._list_flagged() if texture is not None}
 
-    def _base(self) -> tuple[NDArray[np.float32], Texture | None]:
+    def _get_base(self) -> tuple[NDArray[np.float32], Texture | None]:
         """Return its colour, (4,), and the picture that this multiplies."""
         return np.ones(4, np.float32), None
 
-    def _flagged(self) -> list[tuple[TexFlags, Texture | None]]:
+    def _list_flagged(self) -> list[tuple[TexFlags, Texture | None]]:
         """Return all the textures that it may have, and their flags."""
         return [
             (TexFlags.NORMAL, self.normalTexture),
@@ -151,7 +151,7 @@ class Material:
             (TexFlags.EMISSIVE, self.emissiveTexture),
         ]
 
-    def drawn(
+    def convert(
         self, *, has_uv: bool, is_lit: bool, is_culled: bool, least_alpha: float
     ) -> material.Material:
         """Return the material as RasterJIT has it, or raise ``TypeError`` if it is of no kind."""
@@ -209,23 +209,23 @@ class MetallicRoughnessMaterial(Material):
         self.roughnessFactor = roughnessFactor
         self.metallicRoughnessTexture = metallicRoughnessTexture
 
-    baseColorFactor = _color_of(4, 1.0)
-    baseColorTexture = _texture_of("RGBA")
-    metallicFactor = Field(share_or_one, "float: share of metal.")
-    roughnessFactor = Field(share_or_one, "float: roughness.")
-    metallicRoughnessTexture = _texture_of("GB")
+    baseColorFactor = _make_color_field(4, 1.0)
+    baseColorTexture = _make_texture_field("RGBA")
+    metallicFactor = Field(to_share_or_one, "float: share of metal.")
+    roughnessFactor = Field(to_share_or_one, "float: roughness.")
+    metallicRoughnessTexture = _make_texture_field("GB")
 
-    def _base(self) -> tuple[NDArray[np.float32], Texture | None]:
+    def _get_base(self) -> tuple[NDArray[np.float32], Texture | None]:
         return self.baseColorFactor, self.baseColorTexture
 
-    def _flagged(self) -> list[tuple[TexFlags, Texture | None]]:
+    def _list_flagged(self) -> list[tuple[TexFlags, Texture | None]]:
         return [
-            *super()._flagged(),
+            *super()._list_flagged(),
             (TexFlags.BASE_COLOR, self.baseColorTexture),
             (TexFlags.METALLIC_ROUGHNESS, self.metallicRoughnessTexture),
         ]
 
-    def drawn(
+    def convert(
         self, *, has_uv: bool, is_lit: bool, is_culled: bool, least_alpha: float
     ) -> material.Material:
         """
@@ -254,7 +254,7 @@ class MetallicRoughnessMaterial(Material):
         glow = np.square(np.asarray(self.emissiveFactor, np.float64)) if is_lit else np.zeros(3)
         # Codes are filtered as they are; what they stand for is found behind that.
         textures = {
-            field: texture.drawn(are_facets=field == "metallic_roughness_texture")
+            field: texture.convert(are_facets=field == "metallic_roughness_texture")
             for field, texture in maps.items()
             if texture is not None and has_uv
         }
@@ -265,7 +265,7 @@ class MetallicRoughnessMaterial(Material):
         if mode == "opaque" or is_opaque:
             # What hides all behind it needs no layers.
             mode, color[3] = "opaque", 1.0
-        look = _known_look if not textures else _look
+        look = _make_cached_material if not textures else _make_material
         return look(
             "pbr" if is_lit else "unlit", tuple(color.tolist()),
             float(self.metallicFactor), float(self.roughnessFactor),
@@ -273,7 +273,7 @@ class MetallicRoughnessMaterial(Material):
         )  # fmt: skip
 
 
-def _look(
+def _make_material(
     shading: material.Shading, color: tuple[float, ...], metallic: float, roughness: float,
     emissive: tuple[float, ...], alpha_mode: material.AlphaMode, double_sided: bool,
     **textures: Any,
@@ -285,7 +285,7 @@ def _look(
     )  # fmt: skip
 
 
-_known_look = functools.lru_cache(maxsize=1024)(_look)
+_make_cached_material = functools.lru_cache(maxsize=1024)(_make_material)
 """Of what has no textures: scenes have many objects of few looks."""
 
 
@@ -344,23 +344,23 @@ class SpecularGlossinessMaterial(Material):
         self.glossinessFactor = glossinessFactor
         self.specularGlossinessTexture = specularGlossinessTexture
 
-    diffuseFactor = _color_of(4)
-    diffuseTexture = _texture_of("RGBA")
-    specularFactor = _color_of(3)
-    glossinessFactor = Field(share, "float: 1 less the roughness.")
-    specularGlossinessTexture = _texture_of("GB")
+    diffuseFactor = _make_color_field(4)
+    diffuseTexture = _make_texture_field("RGBA")
+    specularFactor = _make_color_field(3)
+    glossinessFactor = Field(to_share, "float: 1 less the roughness.")
+    specularGlossinessTexture = _make_texture_field("GB")
 
-    def _base(self) -> tuple[NDArray[np.float32], Texture | None]:
+    def _get_base(self) -> tuple[NDArray[np.float32], Texture | None]:
         return self.diffuseFactor, self.diffuseTexture
 
-    def _flagged(self) -> list[tuple[TexFlags, Texture | None]]:
+    def _list_flagged(self) -> list[tuple[TexFlags, Texture | None]]:
         return [
-            *super()._flagged(),
+            *super()._list_flagged(),
             (TexFlags.DIFFUSE, self.diffuseTexture),
             (TexFlags.SPECULAR_GLOSSINESS, self.specularGlossinessTexture),
         ]
 
-    def drawn(
+    def convert(
         self, *, has_uv: bool, is_lit: bool, is_culled: bool, least_alpha: float
     ) -> material.Material:
         """Return the metallic-roughness material nearest to it, as RasterJIT has that."""
@@ -370,6 +370,6 @@ class SpecularGlossinessMaterial(Material):
             self.wireframe, self.diffuseFactor, self.diffuseTexture, metallicFactor=0.0,
             roughnessFactor=1.0 - self.glossinessFactor,
         )  # fmt: skip
-        return alike.drawn(
+        return alike.convert(
             has_uv=has_uv, is_lit=is_lit, is_culled=is_culled, least_alpha=least_alpha
         )

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
-from rasterjit.compat.pyrender.fields import Field, anything, text_or_none
+from rasterjit.compat.pyrender.fields import Field, keep_any, to_text_or_none
 from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial
-from rasterjit.compat.pyrender.primitive import Primitive, diagonal
+from rasterjit.compat.pyrender.primitive import Primitive, measure_diagonal
 from rasterjit.scene.validation import brief
 
 if TYPE_CHECKING:
     import trimesh
     from trimesh.parent import Geometry
 
-_GREY = (0.3, 0.3, 0.3, 1.0)
+_DEFAULT_COLOR = (0.3, 0.3, 0.3, 1.0)
 """The colour of meshes without a material."""
 _METALLIC, _ROUGHNESS = 0.2, 0.8
 """Of meshes without a material, or with colours alone."""
@@ -52,10 +52,10 @@ class Mesh:
         self.weights = weights
         self.is_visible = is_visible
 
-    primitives = Field[list[Primitive]](anything, "list of Primitive: what it is made of.")
-    name = Field(text_or_none, "str or None: the mesh's name.")
-    weights = Field(anything, "As it was given: nothing here changes shape.")
-    is_visible = Field(anything, "bool: whether it is drawn.")
+    primitives = Field[list[Primitive]](keep_any, "list of Primitive: what it is made of.")
+    name = Field(to_text_or_none, "str or None: the mesh's name.")
+    weights = Field(keep_any, "As it was given: nothing here changes shape.")
+    is_visible = Field(keep_any, "bool: whether it is drawn.")
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -80,7 +80,7 @@ class Mesh:
     @property
     def scale(self) -> np.float64:
         """The diagonal of its bounds."""
-        return diagonal(self.extents)
+        return measure_diagonal(self.extents)
 
     @property
     def is_transparent(self) -> bool:
@@ -159,11 +159,11 @@ class Mesh:
         for one in given:
             if not isinstance(one, trimesh.Trimesh):
                 raise TypeError(f"mesh must be a trimesh.Trimesh or a list, got {brief(one)}")
-            primitives.append(_primitive(one, material, poses, wireframe, smooth))
+            primitives.append(_convert_primitive(one, material, poses, wireframe, smooth))
         return Mesh(primitives, is_visible=is_visible)
 
 
-def _primitive(
+def _convert_primitive(
     mesh: trimesh.Trimesh,
     material: Material | None,
     poses: ArrayLike | None,
@@ -172,12 +172,12 @@ def _primitive(
 ) -> Primitive:
     """Return one mesh of trimesh's as a primitive."""
     faces = np.asarray(mesh.faces)
-    colors, uv, own = _looks(mesh, smooth, has_material=material is not None)
+    colors, uv, own = _convert_visual(mesh, smooth, has_material=material is not None)
     # Each has its own, which may be changed.
     look = own if material is None else copy.deepcopy(material)
     look.wireframe = wireframe
     if smooth:
-        positions, normals, indices = mesh.vertices, _vertex_normals(mesh), faces
+        positions, normals, indices = mesh.vertices, _compute_vertex_normals(mesh), faces
     else:
         positions = mesh.vertices[faces].reshape(-1, 3)
         normals, indices = np.repeat(mesh.face_normals, 3, axis=0), None
@@ -188,7 +188,7 @@ def _primitive(
     )  # fmt: skip
 
 
-def _vertex_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
+def _compute_vertex_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     """
     Return the normals that a mesh was given, else averages by angle over a vertex's faces.
 
@@ -217,16 +217,18 @@ def _vertex_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     return np.asarray(mesh.vertex_normals)
 
 
-def _looks(mesh: trimesh.Trimesh, smooth: bool, has_material: bool) -> tuple[Any, Any, Any]:
+def _convert_visual(
+    mesh: trimesh.Trimesh, smooth: bool, has_material: bool
+) -> tuple[Any, Any, Any]:
     """Return vertex colours, texture coordinates of vertices, and material."""
     visual: Any = mesh.visual
     if not visual.defined:
-        return None, None, _plain(_GREY)
+        return None, None, _make_plain_material(_DEFAULT_COLOR)
     if visual.kind == "texture":
         uv = None if visual.uv is None else np.array(visual.uv)
-        return None, uv, None if has_material else _textured(visual.material)
+        return None, uv, None if has_material else _convert_material(visual.material)
     if has_material or visual.kind not in ("vertex", "face"):
-        return None, None, _plain(_GREY)
+        return None, None, _make_plain_material(_DEFAULT_COLOR)
     if visual.kind == "vertex":
         colors = np.array(visual.vertex_colors)
         colors = colors if smooth else colors[mesh.faces].reshape(-1, colors.shape[1])
@@ -234,10 +236,10 @@ def _looks(mesh: trimesh.Trimesh, smooth: bool, has_material: bool) -> tuple[Any
         raise ValueError("smooth must be False for a mesh with face colors, got True")
     else:
         colors = np.repeat(np.asarray(visual.face_colors), 3, axis=0)
-    return colors, None, _plain((1.0, 1.0, 1.0, 1.0))
+    return colors, None, _make_plain_material((1.0, 1.0, 1.0, 1.0))
 
 
-def _plain(color: tuple[float, ...]) -> MetallicRoughnessMaterial:
+def _make_plain_material(color: tuple[float, ...]) -> MetallicRoughnessMaterial:
     """Return the material of meshes that have none."""
     return MetallicRoughnessMaterial(
         alphaMode="BLEND", baseColorFactor=color, metallicFactor=_METALLIC,
@@ -245,7 +247,7 @@ def _plain(color: tuple[float, ...]) -> MetallicRoughnessMaterial:
     )  # fmt: skip
 
 
-def _textured(material: Any) -> Material:
+def _convert_material(material: Any) -> Material:
     """Return a material of trimesh's, its exponent of Blinn-Phong turned into a roughness."""
     if isinstance(material, MetallicRoughnessMaterial):
         return material
@@ -261,7 +263,7 @@ def _textured(material: Any) -> Material:
             alphaMode="BLEND", doubleSided=bool(material.doubleSided), **said
         )
     if kind != "SimpleMaterial":
-        return _plain(_GREY)
+        return _make_plain_material(_DEFAULT_COLOR)
     exponent = float(np.ravel(material.kwargs.get("Ns", 1.0))[0])
     # Walter et al. 2007: an exponent n is a width of sqrt(2 / (n + 2)), the roughness squared.
     return MetallicRoughnessMaterial(

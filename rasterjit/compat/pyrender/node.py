@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.camera import Camera
-from rasterjit.compat.pyrender.fields import Field, OwnedField, anything, named, text_or_none
+from rasterjit.compat.pyrender.fields import (
+    Field,
+    OwnedField,
+    check_named,
+    keep_any,
+    to_text_or_none,
+)
 from rasterjit.compat.pyrender.light import Light
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.scene.decomposed_transform import TRS, compose_trs, quaternion_from_axes
@@ -17,19 +23,19 @@ from rasterjit.scene.validation import brief
 from rasterjit.scene.vectors import cross, dot
 
 _LENGTH_TOLERANCE = 1e-3
-"""How far from 1 the length of a quaternion may be."""
-_ROUNDING = 1e-6
-"""How far products of axes may be from those of a rotation that is one but for float32."""
-_PAIRS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
-"""Entries of a symmetric matrix, (4, 4), beside its diagonal."""
-_SMALL = 1e-18
-"""Size of such entries, beside a diagonal of about 1, from which on they count as 0."""
+"""Largest difference of the length of a quaternion from 1."""
+_ROTATION_TOLERANCE = 1e-6
+"""Largest error of the products of a float32 rotation's axes."""
+_OFF_DIAGONAL = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
+"""Rows and columns of the entries above the diagonal of a matrix, (4, 4)."""
+_NEGLIGIBLE = 1e-18
+"""Size of off-diagonal entries that count as 0, for a diagonal of about 1."""
 _MAX_SWEEPS = 20
-"""Far more than it takes: the digits that are right double with each."""
+"""Most sweeps of Jacobi's method: far more than needed, as each doubles the correct digits."""
 
 
-def _held(kind: type) -> Any:
-    """Return the field of what a node holds: an object of a class, or None."""
+def _make_object_field(kind: type) -> Any:
+    """Return a field that holds an object of a class, or None."""
 
     def checked(value: Any) -> Any:
         if value is not None and not isinstance(value, kind):
@@ -99,13 +105,13 @@ class Node:
     def __repr__(self) -> str:
         return f"Node({self.name!r})"
 
-    name = Field(text_or_none, "str or None: the node's name.")
-    camera: Field[Camera | None] = _held(Camera)
-    mesh: Field[Mesh | None] = _held(Mesh)
-    light: Field[Light | None] = _held(Light)
-    children = Field[list["Node"]](anything, "list of Node: what stands below it.")
-    skin = Field(anything, "As it was given: nothing here has skins.")
-    weights = Field(anything, "As they were given: nothing here changes shape.")
+    name = Field(to_text_or_none, "str or None: the node's name.")
+    camera: Field[Camera | None] = _make_object_field(Camera)
+    mesh: Field[Mesh | None] = _make_object_field(Mesh)
+    light: Field[Light | None] = _make_object_field(Light)
+    children = Field[list["Node"]](keep_any, "list of Node: what stands below it.")
+    skin = Field(keep_any, "As it was given: nothing here has skins.")
+    weights = Field(keep_any, "As they were given: nothing here changes shape.")
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -117,39 +123,39 @@ class Node:
 
     @matrix.setter
     def matrix(self, value: ArrayLike) -> None:
-        pose = named("matrix", lambda given: _numbers(given, (4, 4)), value)
+        pose = check_named("matrix", lambda given: _check_array(given, (4, 4)), value)
         if not np.allclose(pose[3], (0.0, 0.0, 0.0, 1.0)):
             raise ValueError(f"matrix must have last row (0, 0, 0, 1), got {pose[3].tolist()}")
-        self._rotation, self._scale = _parts_of(pose)
+        self._rotation, self._scale = _decompose(pose)
         self._translation = pose[:3, 3]
         self._matrix = None
 
-    def _quaternion(self, value: ArrayLike) -> NDArray[Any]:
-        """Return a quaternion of length 1; the matrix is made anew."""
-        given = _numbers(value, (4,))
+    def _check_quaternion(self, value: ArrayLike) -> NDArray[Any]:
+        """Return a quaternion if its length is 1; drop the cached matrix."""
+        given = _check_array(value, (4,))
         length = float(np.sqrt((given * given).sum()))
         if not abs(length - 1.0) <= _LENGTH_TOLERANCE:
             raise ValueError(f"must be a quaternion of length 1, got {length:g}")
         self._matrix = None
         return given
 
-    def _three(self, value: ArrayLike) -> NDArray[Any]:
-        """Return three numbers; the matrix is made anew."""
-        given = _numbers(value, (3,))
+    def _check_vector(self, value: ArrayLike) -> NDArray[Any]:
+        """Return an array of three numbers; drop the cached matrix."""
+        given = _check_array(value, (3,))
         self._matrix = None
         return given
 
-    rotation = OwnedField(_quaternion, "(4,) array: quaternion x, y, z, w.")
-    scale = OwnedField(_three, "(3,) array: factors of x, y and z, before the rotation.")
-    translation = OwnedField(_three, "(3,) array: where it is, relative to its parent.")
+    rotation = OwnedField(_check_quaternion, "(4,) array: quaternion x, y, z, w.")
+    scale = OwnedField(_check_vector, "(3,) array: factors of x, y and z, before the rotation.")
+    translation = OwnedField(_check_vector, "(3,) array: where it is, relative to its parent.")
 
-    def _keep(self, pose: ArrayLike) -> None:
-        """Stand at a pose as it is; rotation, scale and translation stay as they were."""
-        self._matrix = named("pose", lambda given: _numbers(given, (4, 4)), pose)
+    def _set_pose(self, pose: ArrayLike) -> None:
+        """Set the matrix alone: rotation, scale and translation keep their values."""
+        self._matrix = check_named("pose", lambda given: _check_array(given, (4, 4)), pose)
 
 
-def _numbers(value: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return an array of a shape, no copy, or raise ``ValueError``."""
+def _check_array(value: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return a value as an array of a shape, without a copy, or raise ``ValueError``."""
     try:
         given = np.asarray(value)
     except ValueError:
@@ -159,34 +165,37 @@ def _numbers(value: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     return given
 
 
-def _parts_of(matrix: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return rotation and scale of a matrix, those that are nearest."""
+def _decompose(matrix: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the nearest rotation, as a quaternion, and the scale of a matrix."""
     x, y, z = matrix[:3, :3].astype(np.float64)
     scale = np.sqrt((x * x + y * y) + z * z)
     if not scale.all():
-        # What is flat may be turned anyhow.
+        # The rotation of a flat matrix is not determined.
         return np.array([0.0, 0.0, 0.0, 1.0]), scale
-    rotation = np.array(_nearest_rotation((matrix[:3, :3] / scale).tolist()))
+    rotation = np.array(_find_nearest_rotation((matrix[:3, :3] / scale).tolist()))
     return -rotation if rotation[3] < 0.0 else rotation, scale
 
 
-def _nearest_rotation(turn: list[list[float]]) -> list[float]:
+def _find_nearest_rotation(matrix: list[list[float]]) -> list[float]:
     """
     Return the quaternion x, y, z, w of the rotation nearest to a matrix, which may shear or mirror.
 
-    Where it is not one already, it is the eigenvector of the largest eigenvalue of a symmetric
-    matrix [1]_, which is found by Jacobi's rotations: in a fixed order, so that no library decides
-    about its last bits.
+    For a matrix that is no rotation, it is the eigenvector of the largest eigenvalue of a symmetric
+    matrix [1]_, computed by Jacobi's method in a fixed order, so that its last bits depend on no
+    library.
 
     References
     ----------
     .. [1] I. Bar-Itzhack, "New Method for Extracting the Quaternion from a Rotation Matrix", 2000.
     """
-    axes: Any = tuple(zip(*turn, strict=True))
+    axes: Any = tuple(zip(*matrix, strict=True))
     products = [dot(axes[i], axes[j]) - float(i == j) for i in range(3) for j in range(i, 3)]
-    if max(map(abs, products)) <= _ROUNDING and dot(axes[0], cross(axes[1], axes[2])) > 0.0:
+    if (
+        max(map(abs, products)) <= _ROTATION_TOLERANCE
+        and dot(axes[0], cross(axes[1], axes[2])) > 0.0
+    ):
         return list(quaternion_from_axes(*axes))
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turn
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
     rows = [
         [xx - yy - zz, xy + yx, xz + zx, zy - yz],
         [xy + yx, yy - xx - zz, yz + zy, xz - zx],
@@ -195,12 +204,12 @@ def _nearest_rotation(turn: list[list[float]]) -> list[float]:
     ]
     vectors = np.eye(4).tolist()
     for _ in range(_MAX_SWEEPS):
-        if max(abs(rows[p][q]) for p, q in _PAIRS) <= _SMALL:
+        if max(abs(rows[p][q]) for p, q in _OFF_DIAGONAL) <= _NEGLIGIBLE:
             break
-        for p, q in _PAIRS:
+        for p, q in _OFF_DIAGONAL:
             if rows[p][q] != 0.0:
-                _zero(rows, vectors, p, q)
-    # A mirror has three that are largest: which comes first is as in LAPACK, which pyrender asks.
+                _zero_entry(rows, vectors, p, q)
+    # A mirror has three largest eigenvalues: take the one that LAPACK returns to pyrender.
     order, values = list(range(4)), [rows[k][k] for k in range(4)]
     least = values.index(min(values))
     order[0], order[least] = order[least], order[0]
@@ -208,8 +217,8 @@ def _nearest_rotation(turn: list[list[float]]) -> list[float]:
     return [row[largest] for row in vectors]
 
 
-def _zero(rows: list[list[float]], vectors: list[list[float]], p: int, q: int) -> None:
-    """Turn a symmetric matrix, and its eigenvectors so far, so that entry (p, q) becomes 0."""
+def _zero_entry(rows: list[list[float]], vectors: list[list[float]], p: int, q: int) -> None:
+    """Rotate a symmetric matrix, and its eigenvectors so far, so that entry (p, q) becomes 0."""
     theta = (rows[q][q] - rows[p][p]) / (2.0 * rows[p][q])
     tangent = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1.0))
     cosine = 1.0 / math.sqrt(tangent * tangent + 1.0)

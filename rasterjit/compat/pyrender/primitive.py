@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF, BufFlags
-from rasterjit.compat.pyrender.fields import Field, OwnedField, anything
+from rasterjit.compat.pyrender.fields import Field, OwnedField, keep_any
 from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial
 from rasterjit.compat.pyrender.utils import format_color_array
 from rasterjit.scene.material import Material as SceneMaterial
@@ -19,12 +19,12 @@ from rasterjit.scene.warning import REPAIRED_NORMALS, silence_warnings
 
 Float32 = NDArray[np.float32]
 
-_EXACT = 1 << 24
-"""Whole numbers up to it are exact in float32."""
+_MAX_EXACT_INTEGER = 1 << 24
+"""Largest whole number up to which all are exact in float32."""
 
 
-def _material_of(value: Material | None) -> Material:
-    """Return a material; where there is none, the usual one."""
+def _check_material(value: Material | None) -> Material:
+    """Return a material; the default one for None."""
     if value is not None and not isinstance(value, Material):
         raise TypeError(f"must be a Material, got {brief(value)}")
     return MetallicRoughnessMaterial() if value is None else value
@@ -100,94 +100,99 @@ class Primitive:
     # What was made of it, by what it was made for.
     _bounds: Float32 | None
 
-    joints_0 = Field(anything, "As it was given: nothing here has skins.")
-    weights_0 = Field(anything, "As it was given: nothing here has skins.")
-    targets = Field(anything, "As it was given: nothing here changes shape.")
+    joints_0 = Field(keep_any, "As it was given: nothing here has skins.")
+    weights_0 = Field(keep_any, "As it was given: nothing here has skins.")
+    targets = Field(keep_any, "As it was given: nothing here changes shape.")
 
-    def _points(self, value: ArrayLike) -> Float32:
-        """Return positions, (n, 3)."""
-        self._forget()
-        given = _floats(value)
+    def _check_positions(self, value: ArrayLike) -> Float32:
+        """Return positions as float32, (n, 3)."""
+        self._clear_cache()
+        given = _to_floats(value)
         if given.ndim != 2 or given.shape[1] != 3:
             raise ValueError(f"must have shape (n, 3), got {given.shape}")
         return given
 
-    def _order(self, value: ArrayLike | None) -> NDArray[Any] | None:
-        """Return numbers of vertices as pyrender has them: float32, float64 where not exact."""
-        self._forget()
+    def _check_indices(self, value: ArrayLike | None) -> NDArray[Any] | None:
+        """Return vertex numbers as pyrender stores them: float32, float64 if that is not exact."""
+        self._clear_cache()
         if value is None:
             return None
         given = np.asarray(value)
         if given.dtype.kind not in "buif":
             raise ValueError(f"must be whole numbers, got {brief(given)}")
-        is_large = given.size > 0 and given.max() > _EXACT
+        is_large = given.size > 0 and given.max() > _MAX_EXACT_INTEGER
         return np.ascontiguousarray(given, np.float64 if is_large else np.float32)
 
-    def _mode_of(self, value: int) -> int:
-        """Return the code of what is drawn."""
-        self._forget()
+    def _check_mode(self, value: int) -> int:
+        """Return the code of a mode of primitives."""
+        self._clear_cache()
         mode = int(value)
         if not GLTF.POINTS <= mode <= GLTF.TRIANGLE_FAN:
             raise ValueError(f"must be in 0..6, from GLTF.POINTS on, got {mode}")
         return mode
 
-    def _poses_of(self, value: ArrayLike | None) -> Float32 | None:
-        """Return where instances stand, (n, 4, 4)."""
-        self._forget()
+    def _check_poses(self, value: ArrayLike | None) -> Float32 | None:
+        """Return the poses of instances as float32, (n, 4, 4)."""
+        self._clear_cache()
         if value is None:
             return None
-        given = _floats(value)
+        given = _to_floats(value)
         given = given[None] if given.ndim == 2 else given
         if given.ndim != 3 or given.shape[1:] != (4, 4):
             raise ValueError(f"must have shape (n, 4, 4), got {given.shape}")
         return given
 
-    def _of_vertices(self, value: ArrayLike | None, width: int) -> Float32 | None:
-        """Return an array with a row for each vertex."""
-        self._forget()
+    def _check_vertex_rows(self, value: ArrayLike | None, width: int) -> Float32 | None:
+        """Return an array as float32 with a row for each vertex."""
+        self._clear_cache()
         if value is None:
             return None
-        array, count = _floats(value), len(self.positions)
+        array, count = _to_floats(value), len(self.positions)
         if array.shape != (count, width):
             raise ValueError(f"must have shape ({count}, {width}), got {array.shape}")
         return array
 
-    def _uv_of(self, value: ArrayLike | None) -> Float32 | None:
-        """Return texture coordinates; columns beyond the second are left out."""
+    def _check_uv(self, value: ArrayLike | None) -> Float32 | None:
+        """Return texture coordinates as float32, without columns beyond the second."""
         given = None if value is None else np.asarray(value)
-        return self._of_vertices(
+        return self._check_vertex_rows(
             given[:, :2] if given is not None and given.ndim == 2 else given, 2
         )
 
-    def _colors_of(self, value: ArrayLike | None) -> Float32 | None:
-        """Return colours, (V, 4)."""
+    def _check_colors(self, value: ArrayLike | None) -> Float32 | None:
+        """Return colours as float32, (V, 4)."""
         shape = len(self.positions), 4
-        return self._of_vertices(None if value is None else format_color_array(value, shape), 4)
+        return self._check_vertex_rows(
+            None if value is None else format_color_array(value, shape), 4
+        )
 
-    positions = OwnedField(_points, "(V, 3) float32: positions of the vertices.")
+    positions = OwnedField(_check_positions, "(V, 3) float32: positions of the vertices.")
     normals = OwnedField(
-        lambda self, value: self._of_vertices(value, 3),
+        lambda self, value: self._check_vertex_rows(value, 3),
         "(V, 3) float32, or None: normals of the vertices.",
     )
     tangents = OwnedField(
-        lambda self, value: self._of_vertices(value, 4),
+        lambda self, value: self._check_vertex_rows(value, 4),
         "(V, 4) float32, or None: as they were given.",
     )
-    texcoord_0 = OwnedField(_uv_of, "(V, 2) float32, or None: texture coordinates of the vertices.")
+    texcoord_0 = OwnedField(
+        _check_uv, "(V, 2) float32, or None: texture coordinates of the vertices."
+    )
     texcoord_1 = OwnedField(
-        lambda self, value: self._of_vertices(value, 2),
+        lambda self, value: self._check_vertex_rows(value, 2),
         "(V, 2) float32, or None: as they were given.",
     )
-    color_0 = OwnedField(_colors_of, "(V, 4) float32, or None: colours of the vertices.")
+    color_0 = OwnedField(_check_colors, "(V, 4) float32, or None: colours of the vertices.")
     indices = OwnedField(
-        _order, "Vertices in the order of drawing, or None; of the shape they were given in."
+        _check_indices,
+        "Vertices in the order of drawing, or None; of the shape they were given in.",
     )
-    material = Field(_material_of, "Material: never None.")
+    material = Field(_check_material, "Material: never None.")
     mode = OwnedField(
-        _mode_of, "int: what is drawn, a code of `GLTF` from ``POINTS`` to ``TRIANGLE_FAN``."
+        _check_mode, "int: what is drawn, a code of `GLTF` from ``POINTS`` to ``TRIANGLE_FAN``."
     )
     poses = OwnedField(
-        _poses_of, "(N, 4, 4) float32, or None: where instances stand, relative to the node."
+        _check_poses, "(N, 4, 4) float32, or None: where instances stand, relative to the node."
     )
 
     @property
@@ -222,7 +227,7 @@ class Primitive:
     @property
     def scale(self) -> np.floating[Any]:
         """The diagonal of its bounds."""
-        return diagonal(self.extents)
+        return measure_diagonal(self.extents)
 
     @property
     def buf_flags(self) -> int:
@@ -245,8 +250,8 @@ class Primitive:
         return self.material.is_transparent or has_alpha
 
     def delete(self) -> None:
-        """Let go of what was made to draw it."""
-        self._forget()
+        """Release the cached meshes."""
+        self._clear_cache()
 
     @property
     def least_alpha(self) -> float:
@@ -261,20 +266,20 @@ class Primitive:
         count = len(self.positions) if self.indices is None else self.indices.size
         return not len(self.positions) or count < (3 if self.mode >= GLTF.TRIANGLES else 1)
 
-    def order(self) -> NDArray[np.int64]:
-        """Return the vertices in the order of drawing, (M,) int64."""
+    def list_vertices(self) -> NDArray[np.int64]:
+        """Return the vertex numbers in the order of drawing, (M,) int64."""
         if self.indices is None:
             return np.arange(len(self.positions))
         return self.indices.reshape(-1).astype(np.int64)
 
-    def faces(self) -> NDArray[np.int64]:
+    def list_faces(self) -> NDArray[np.int64]:
         """
-        Return its triangles, (F, 3) int64; none of lines and points.
+        Return the triangles, (F, 3) int64; none for lines and points.
 
-        Vertices at the end that make no whole triangle are left out. Those of a strip turn the
-        same way as its first.
+        Vertices of a last, incomplete triangle are dropped. All triangles of a strip have the
+        winding of its first one.
         """
-        order = self.order()
+        order = self.list_vertices()
         if self.mode == GLTF.TRIANGLES:
             return order[: len(order) // 3 * 3].reshape(-1, 3)
         if self.mode == GLTF.TRIANGLE_STRIP and len(order) >= 3:
@@ -286,36 +291,36 @@ class Primitive:
             return np.stack([first, order[1:-1], order[2:]], axis=1)
         return np.zeros((0, 3), np.int64)
 
-    def drawn(self, is_lit: bool, look: SceneMaterial, is_turned: bool = False) -> SceneMesh:
+    def convert(self, is_lit: bool, look: SceneMaterial, is_turned: bool = False) -> SceneMesh:
         """
-        Return its triangles as RasterJIT has them; the same as long as the look is the same.
+        Convert the triangles to a mesh of RasterJIT's, cached as long as the material is the same.
 
         Parameters
         ----------
         is_lit : bool
-            Whether light counts.
+            Whether light is computed.
         look : Material
         is_turned : bool
-            Whether faces go the other way round.
+            Whether to reverse the winding of faces.
         """
         key = is_lit, is_turned, look.shading
         if key not in self._drawn:
-            faces = self.faces()
-            # pyrender does not tell of normals of length 0.
+            faces = self.list_faces()
+            # pyrender does not warn of normals of length 0.
             with silence_warnings(REPAIRED_NORMALS):
                 self._drawn[key] = made = SceneMesh(
                     self.positions, faces[:, ::-1] if is_turned else faces,
-                    normals=finite(self.normals), uv=finite(self.texcoord_0),
-                    colors=self.colors(is_lit), material=look, on_invalid="drop",
+                    normals=zero_nonfinite(self.normals), uv=zero_nonfinite(self.texcoord_0),
+                    colors=self.get_colors(is_lit), material=look, on_invalid="drop",
                 )  # fmt: skip
             if self.normals is None:
-                # Given, they are no reason to warn of sharp edges: light goes by the viewer.
+                # Set as given normals, they cause no warning of sharp edges.
                 made._normals = made._vertex_normals = read_only(made._derive_normals())
             if is_lit:
-                # Copies have them, too.
+                # Computed now, so that copies share them.
                 made.vertex_normals()
         if self._drawn[key].material != look:
-            # What was drawn before keeps its own.
+            # A copy, as scenes drawn before keep the old material.
             self._drawn[key] = copy.copy(self._drawn[key])
             self._drawn[key].material = look
         return self._drawn[key]
@@ -325,81 +330,82 @@ class Primitive:
         """Whether its alpha is below 1 anywhere, whatever its material's mode."""
         return self.least_alpha * self.material.least_alpha < 1.0
 
-    def of_alphas(self) -> Primitive:
-        """Return the same whose colours, without lights, are its alpha in all channels."""
-        color, texture = self.material._base()
-        known = self._drawn.get("alphas")
-        if known is None or known[0] is not texture or not np.array_equal(known[1], color):
+    def show_alpha(self) -> Primitive:
+        """Return the primitive with its alpha as unlit grey, in all channels."""
+        material = self.material
+        color, texture = material._get_base()
+        cached = self._drawn.get("alphas")
+        if cached is None or cached[0] is not texture or not np.array_equal(cached[1], color):
             grey = copy.copy(self)
             if self.color_0 is not None:
                 grey.color_0 = np.repeat(self.color_0[:, 3:], 4, axis=1)
-            pixels = None if texture is None else texture.of_alphas()
-            known = self._drawn["alphas"] = texture, color.copy(), grey, pixels
-        _, _, grey, pixels = known
-        own = self.material
+            grey_texture = None if texture is None else texture.show_alpha()
+            cached = self._drawn["alphas"] = texture, color.copy(), grey, grey_texture
+        _, _, grey, grey_texture = cached
         grey.material = MetallicRoughnessMaterial(
-            alphaMode=own.alphaMode, doubleSided=own.doubleSided, wireframe=own.wireframe,
-            baseColorFactor=np.repeat(color[3], 4), baseColorTexture=pixels,
+            alphaMode=material.alphaMode, doubleSided=material.doubleSided,
+            wireframe=material.wireframe, baseColorFactor=np.repeat(color[3], 4),
+            baseColorTexture=grey_texture,
         )  # fmt: skip
         return grey
 
-    def colors(self, is_lit: bool) -> NDArray[np.float64] | None:
+    def get_colors(self, is_lit: bool) -> NDArray[np.float64] | None:
         """
-        Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without.
+        Return the vertex colours, (V, 4) float64 in 0..1: factors on light, or unlit on codes.
 
-        Where light counts, those of each channel are shares of its gain.
+        Lit ones are divided by the gain of their channel; see `compute_gains`.
         """
         if self.color_0 is None:
             return None
-        given = finite(self.color_0).astype(np.float64)
+        colors = zero_nonfinite(self.color_0).astype(np.float64)
         if is_lit:
-            given[:, :3] /= self.gains()[3:]
-        return np.clip(given, 0.0, 1.0)
+            colors[:, :3] /= self.compute_gains()[3:]
+        return np.clip(colors, 0.0, 1.0)
 
-    def gains(self) -> NDArray[np.float32]:
-        """Return the factors, (6,), on base colours and on its own that are left for lit ones."""
-        base, _ = self.material._base()
-        made = np.ones(6, np.float32)
-        made[:3] = np.fmax(base[:3], 1.0)
+    def compute_gains(self) -> NDArray[np.float32]:
+        """Return the part above 1 of lit base and vertex colours, as factors, (6,) from 1 on."""
+        base, _ = self.material._get_base()
+        gains = np.ones(6, np.float32)
+        gains[:3] = np.fmax(base[:3], 1.0)
         if self.color_0 is not None and len(self.color_0):
-            known = self._drawn.get("gains")
-            if known is None:
-                most = finite(self.color_0)[:, :3].max(axis=0)
-                known = self._drawn["gains"] = np.maximum(most, 1.0)
-            made[3:] = known
-        return made
+            color_gains = self._drawn.get("gains")
+            if color_gains is None:
+                maximum = zero_nonfinite(self.color_0)[:, :3].max(axis=0)
+                color_gains = self._drawn["gains"] = np.maximum(maximum, 1.0)
+            gains[3:] = color_gains
+        return gains
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied and pickled: no copy shares what was drawn."""
+        """Return the state to copy and pickle, without the cached meshes."""
         return {**self.__dict__, "_drawn": {}}
 
-    def _forget(self) -> None:
-        """Let go of what follows from the arrays."""
+    def _clear_cache(self) -> None:
+        """Drop the cached meshes and bounds."""
         self._drawn = {}
         self._bounds = None
 
 
 @overload
-def finite(array: None) -> None: ...
+def zero_nonfinite(array: None) -> None: ...
 
 
 @overload
-def finite(array: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]: ...
+def zero_nonfinite(array: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]: ...
 
 
-def finite(array: NDArray[np.floating[Any]] | None) -> NDArray[np.floating[Any]] | None:
-    """Return an array of any shape with 0 where it is not finite; itself where all of it is."""
+def zero_nonfinite(array: NDArray[np.floating[Any]] | None) -> NDArray[np.floating[Any]] | None:
+    """Return an array with 0 in place of NaN and infinity; the same array if it has none."""
     if array is None or not array.size or (np.isfinite(array.min()) and np.isfinite(array.max())):
         return array
     return np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def diagonal(extents: NDArray[Any]) -> Any:
-    """Return the length of a vector, of its own precision."""
+def measure_diagonal(extents: NDArray[Any]) -> Any:
+    """Return the length of a vector in its precision."""
     return np.sqrt((extents * extents).sum())
 
 
-def _floats(value: ArrayLike) -> Float32:
+def _to_floats(value: ArrayLike) -> Float32:
     """Return numbers as float32 in rows, or raise ``ValueError``."""
     try:
         return np.ascontiguousarray(value, np.float32)

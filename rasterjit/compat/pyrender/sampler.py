@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rasterjit.compat.pyrender.constants import GLTF
-from rasterjit.compat.pyrender.fields import Field, anything, text_or_none
+from rasterjit.compat.pyrender.fields import Field, keep_any, to_text_or_none
 from rasterjit.scene.validation import one_of
 
 _WRAPS = {GLTF.REPEAT: "repeat", GLTF.CLAMP_TO_EDGE: "clamp", GLTF.MIRRORED_REPEAT: "mirror"}
@@ -37,13 +37,13 @@ class Sampler:
         self.magFilter, self.minFilter = magFilter, minFilter
         self.wrapS, self.wrapT = wrapS, wrapT
 
-    name = Field(text_or_none, "str or None: the sampler's name.")
-    magFilter = Field(anything, "int or None: how texels are enlarged.")
-    minFilter = Field(anything, "int or None: how texels are made smaller.")
-    wrapS = Field(anything, "int: what lies beyond the left and right edge.")
-    wrapT = Field(anything, "int: what lies beyond the lower and upper edge.")
+    name = Field(to_text_or_none, "str or None: the sampler's name.")
+    magFilter = Field(keep_any, "int or None: how texels are enlarged.")
+    minFilter = Field(keep_any, "int or None: how texels are made smaller.")
+    wrapS = Field(keep_any, "int: what lies beyond the left and right edge.")
+    wrapT = Field(keep_any, "int: what lies beyond the lower and upper edge.")
 
-    def drawn(self) -> dict[str, Any]:
+    def convert(self) -> dict[str, Any]:
         """Return what RasterJIT's textures take, or raise ``ValueError`` of an unknown code."""
         is_nearest = self.magFilter == GLTF.NEAREST and self.minFilter in (None, GLTF.NEAREST)
         codes = [int(code) for code in _WRAPS]

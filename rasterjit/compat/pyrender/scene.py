@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.camera import Camera
-from rasterjit.compat.pyrender.fields import Field, text_or_none
+from rasterjit.compat.pyrender.fields import Field, to_text_or_none
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.compat.pyrender.node import Node
-from rasterjit.compat.pyrender.primitive import diagonal
+from rasterjit.compat.pyrender.primitive import measure_diagonal
 from rasterjit.compat.pyrender.utils import format_color_vector
 from rasterjit.scene import transforms
 from rasterjit.scene.validation import brief
@@ -63,7 +63,7 @@ class Scene:
             if node not in below:
                 self.add_node(node)
 
-    name = Field(text_or_none, "str or None: the scene's name.")
+    name = Field(to_text_or_none, "str or None: the scene's name.")
     bg_color = Field(
         lambda value: np.ones(4) if value is None else format_color_vector(value, 4),
         "(4,) float32: background as the picture shows it, and alpha; None is white.",
@@ -90,42 +90,42 @@ class Scene:
     @property
     def camera_nodes(self) -> set[Node]:
         """Nodes that hold a camera."""
-        return self._holding(lambda node: node.camera is not None)
+        return self._select_nodes(lambda node: node.camera is not None)
 
     @property
     def light_nodes(self) -> set[Node]:
         """Nodes that hold a light."""
-        return self._holding(lambda node: node.light is not None)
+        return self._select_nodes(lambda node: node.light is not None)
 
     @property
     def directional_lights(self) -> set[DirectionalLight]:
         """All directional lights."""
-        return _lights_of(self.directional_light_nodes)
+        return _collect_lights(self.directional_light_nodes)
 
     @property
     def spot_lights(self) -> set[SpotLight]:
         """All spot lights."""
-        return _lights_of(self.spot_light_nodes)
+        return _collect_lights(self.spot_light_nodes)
 
     @property
     def point_lights(self) -> set[PointLight]:
         """All point lights."""
-        return _lights_of(self.point_light_nodes)
+        return _collect_lights(self.point_light_nodes)
 
     @property
     def directional_light_nodes(self) -> set[Node]:
         """Nodes that hold a directional light."""
-        return self._holding(lambda node: isinstance(node.light, DirectionalLight))
+        return self._select_nodes(lambda node: isinstance(node.light, DirectionalLight))
 
     @property
     def spot_light_nodes(self) -> set[Node]:
         """Nodes that hold a spot light."""
-        return self._holding(lambda node: isinstance(node.light, SpotLight))
+        return self._select_nodes(lambda node: isinstance(node.light, SpotLight))
 
     @property
     def point_light_nodes(self) -> set[Node]:
         """Nodes that hold a point light."""
-        return self._holding(lambda node: isinstance(node.light, PointLight))
+        return self._select_nodes(lambda node: isinstance(node.light, PointLight))
 
     @property
     def meshes(self) -> set[Mesh]:
@@ -135,7 +135,7 @@ class Scene:
     @property
     def lights(self) -> set[Light]:
         """All lights."""
-        return _lights_of(self.light_nodes)
+        return _collect_lights(self.light_nodes)
 
     @property
     def cameras(self) -> set[Camera]:
@@ -157,8 +157,8 @@ class Scene:
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3) float64: corners of a box around all meshes, 0 if there are none."""
         corners = [
-            transforms.apply(self.get_pose(node), _corners(node.mesh.bounds))
-            for node in self._drawn()
+            transforms.apply(self.get_pose(node), _list_corners(node.mesh.bounds))
+            for node in self._list_drawn_nodes()
             if np.isfinite(node.mesh.bounds).all()
         ]
         if not corners:
@@ -181,7 +181,7 @@ class Scene:
     @property
     def scale(self) -> np.float64:
         """The diagonal of the bounds."""
-        return diagonal(self.extents)
+        return measure_diagonal(self.extents)
 
     def add(
         self,
@@ -277,7 +277,7 @@ class Scene:
                 and (obj_name is None or any(thing.name == obj_name for thing in held))
             )
 
-        return self._holding(matches)
+        return self._select_nodes(matches)
 
     def remove_node(self, node: Node) -> None:
         """
@@ -293,7 +293,7 @@ class Scene:
         parent = self._parents[node]
         if parent is not None:
             parent.children.remove(node)
-        self._forget(node)
+        self._unregister(node)
 
     def get_pose(self, node: Node) -> NDArray[np.float64]:
         """
@@ -328,7 +328,7 @@ class Scene:
         """
         if node not in self._parents:
             raise ValueError(f"node must be in the scene, got {node}")
-        node._keep(pose)
+        node._set_pose(pose)
 
     def clear(self) -> None:
         """Take all nodes out."""
@@ -357,22 +357,22 @@ class Scene:
             scene.add(smooth[name], pose=pose)
         return scene
 
-    def _holding(self, matches: Callable[[Node], bool]) -> set[Node]:
+    def _select_nodes(self, matches: Callable[[Node], bool]) -> set[Node]:
         return {node for node in self._parents if matches(node)}
 
-    def _drawn(self) -> list[Node]:
+    def _list_drawn_nodes(self) -> list[Node]:
         """Return the nodes whose meshes are drawn, in the order in which they were added."""
         return [
             node for node in self._parents if node in self._mesh_nodes and node.mesh is not None
         ]
 
-    def _ordered(self) -> list[Node]:
+    def _list_nodes(self) -> list[Node]:
         """Return all nodes in the order in which they were added, which sets do not have."""
         return list(self._parents)
 
-    def _forget(self, node: Node) -> None:
+    def _unregister(self, node: Node) -> None:
         for child in node.children:
-            self._forget(child)
+            self._unregister(child)
         del self._parents[node]
         self._mesh_nodes.discard(node)
         if self._main_camera_node is node:
@@ -380,11 +380,11 @@ class Scene:
             self._main_camera_node = cameras[0] if cameras else None
 
 
-def _corners(bounds: NDArray[np.float64]) -> NDArray[np.float64]:
+def _list_corners(bounds: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the eight corners of a box, (8, 3)."""
     return np.array([[x, y, z] for x in bounds[:, 0] for y in bounds[:, 1] for z in bounds[:, 2]])
 
 
-def _lights_of(nodes: set[Node]) -> set[Any]:
+def _collect_lights(nodes: set[Node]) -> set[Any]:
     """Return the lights of nodes."""
     return {node.light for node in nodes if node.light is not None}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.compat.pyrender.fields import Field, anything, text_or_none
+from rasterjit.compat.pyrender.fields import Field, keep_any, to_text_or_none
 from rasterjit.compat.pyrender.sampler import Sampler
 from rasterjit.compat.pyrender.utils import format_texture_source
 from rasterjit.scene.texture import Texture as SceneTexture
@@ -60,15 +60,15 @@ class Texture:
         self.width, self.height = width, height
         self.tex_type, self.data_format = tex_type, data_format
 
-    name = Field(text_or_none, "str or None: the texture's name.")
+    name = Field(to_text_or_none, "str or None: the texture's name.")
     sampler = Field(
         lambda value: Sampler() if value is None else value, "Sampler: how it is read; never None."
     )
-    source_channels = Field(anything, "str or None: the channels of the next source that is set.")
-    width = Field(anything, "int or None: as it was given.")
-    height = Field(anything, "int or None: as it was given.")
-    tex_type = Field(anything, "int: OpenGL's code of the kind, as it was given.")
-    data_format = Field(anything, "int: OpenGL's code of the numbers, as it was given.")
+    source_channels = Field(keep_any, "str or None: the channels of the next source that is set.")
+    width = Field(keep_any, "int or None: as it was given.")
+    height = Field(keep_any, "int or None: as it was given.")
+    tex_type = Field(keep_any, "int: OpenGL's code of the kind, as it was given.")
+    data_format = Field(keep_any, "int: OpenGL's code of the numbers, as it was given.")
 
     @property
     def source(self) -> NDArray[np.uint8] | None:
@@ -93,9 +93,9 @@ class Texture:
     @property
     def is_opaque(self) -> bool:
         """Whether its alpha is 1 everywhere."""
-        return self.drawn().is_opaque
+        return self.convert().is_opaque
 
-    def of_alphas(self) -> Texture:
+    def show_alpha(self) -> Texture:
         """Return a texture that is read like it and shows its alpha in all channels."""
         pixels, grey = np.asarray(self.source), copy.copy(self)
         has_alpha = pixels.ndim == 3 and pixels.shape[2] == 4
@@ -112,7 +112,7 @@ class Texture:
         """Return what is copied and pickled: no copy shares what was drawn."""
         return {**self.__dict__, "_drawn": {}}
 
-    def drawn(self, *, are_facets: bool = False) -> SceneTexture:
+    def convert(self, *, are_facets: bool = False) -> SceneTexture:
         """
         Return the texture as RasterJIT has it, its codes as they are; made once.
 
@@ -137,6 +137,6 @@ class Texture:
                 rough, metal = channels[..., :1], channels[..., 1:2] if pixels.ndim == 3 else none
                 pixels = np.dstack([none, rough, metal] if are_facets else [rough, metal, none])
             self._drawn[are_facets] = SceneTexture(
-                pixels, color_space="linear", **self.sampler.drawn()
+                pixels, color_space="linear", **self.sampler.convert()
             )
         return self._drawn[are_facets]

@@ -1,5 +1,5 @@
 """
-Turn the camera by a hand on a ball.
+Turn, pan and zoom a camera around a target as a trackball does.
 
 References
 ----------
@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_BALL = 0.3
-"""A drag of this share of the window's shorter side turns by a radian."""
-_PAN = 5.0
-"""A drag of a radian moves by the scene's diagonal over this."""
-_CLICK = 0.9
-"""Factor on the distance at each click of the wheel."""
+_TURN_SHARE_PER_RADIAN = 0.3
+"""Share of the window's shorter side over which a drag turns by a radian."""
+_PAN_DIVISOR = 5.0
+"""Diagonal of the scene over the movement by a drag that would turn by a radian."""
+_ZOOM_PER_CLICK = 0.9
+"""Factor on the distance for each click of the wheel."""
 
 Float64 = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class Trackball:
     scale : float, scene units
         Diagonal of the scene: how fast drags move.
     target : (3,) array_like, scene units
-        What the camera turns around.
+        Point that the camera turns around.
     """
 
     STATE_ROTATE, STATE_PAN, STATE_ROLL, STATE_ZOOM = 0, 1, 2, 3
@@ -61,11 +61,11 @@ class Trackball:
         return self._n_pose
 
     def set_state(self, state: int) -> None:
-        """Choose what drags do: one of ``STATE_ROTATE``, ``_PAN``, ``_ROLL`` and ``_ZOOM``."""
+        """Set what drags do: one of ``STATE_ROTATE``, ``_PAN``, ``_ROLL`` and ``_ZOOM``."""
         self._state = state
 
     def resize(self, size: ArrayLike) -> None:
-        """Take the window's new width and height, pixels."""
+        """Set the width and height of the window, pixels."""
         self._size = np.array(size)
 
     def down(self, point: ArrayLike) -> None:
@@ -74,51 +74,51 @@ class Trackball:
         self._pose, self._target = self._n_pose, self._n_target
 
     def drag(self, point: ArrayLike) -> None:
-        """Drag from where the mouse went down to a pixel (x, y), y up."""
+        """Drag to a pixel (x, y), y up, from where the drag began."""
         here = np.array(point, np.float64)
         pose, target = self._pose, self._target
         right, up, back, eye = pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3]
         step = here - self._pressed
-        turned = step / (_BALL * self._size.min())
+        turned = step / (_TURN_SHARE_PER_RADIAN * self._size.min())
         if self._state == self.STATE_ROTATE:
-            around_up = _turn(-turned[0], up, target)
-            self._n_pose = _turn(turned[1], right, target) @ around_up @ pose
+            around_up = _make_rotation(-turned[0], up, target)
+            self._n_pose = _make_rotation(turned[1], right, target) @ around_up @ pose
         elif self._state == self.STATE_ROLL:
             middle = self._size / 2.0
-            before, after = _angle(self._pressed - middle), _angle(here - middle)
-            self._n_pose = _turn(before - after, back, target) @ pose
+            before, after = _compute_angle(self._pressed - middle), _compute_angle(here - middle)
+            self._n_pose = _make_rotation(before - after, back, target) @ pose
         elif self._state == self.STATE_PAN:
-            x, y = -turned / _PAN * self._scale
+            x, y = -turned / _PAN_DIVISOR * self._scale
             move = x * right + y * up
             self._n_target = target + move
-            self._n_pose = _moved(pose, move)
+            self._n_pose = _translate_pose(pose, move)
         elif self._state == self.STATE_ZOOM:
-            # Growing towards the camera as the mouse goes down, and shrinking towards 0 as up.
+            # The distance grows exponentially as the mouse goes down, and shrinks as it goes up.
             dy = step[1] / (0.5 * self._size[1])
             share = np.expm1(dy) if dy > 0.0 else 1.0 - np.exp(dy)
-            move = -np.sign(dy) * share * _length(eye - target) * back
-            self._n_pose = _moved(pose, move)
+            move = -np.sign(dy) * share * _compute_length(eye - target) * back
+            self._n_pose = _translate_pose(pose, move)
 
     def scroll(self, clicks: float) -> None:
-        """Come nearer by clicks of the wheel, or go away where they are negative."""
-        self._n_pose = self._scrolled(self._n_pose, clicks)
-        self._pose = self._scrolled(self._pose, clicks)
+        """Move closer by clicks of the wheel; away if they are negative."""
+        self._n_pose = self._scroll_pose(self._n_pose, clicks)
+        self._pose = self._scroll_pose(self._pose, clicks)
 
     def rotate(self, azimuth: float, axis: ArrayLike | None = None) -> None:
-        """Turn by an angle in radians around an axis, (3,); default the camera's own up."""
-        self._n_pose = self._rotated(self._n_pose, azimuth, axis)
-        self._pose = self._rotated(self._pose, azimuth, axis)
+        """Turn by an angle in radians around an axis, (3,); default: the camera's up."""
+        self._n_pose = self._rotate_pose(self._n_pose, azimuth, axis)
+        self._pose = self._rotate_pose(self._pose, azimuth, axis)
 
-    def _scrolled(self, pose: Float64, clicks: float) -> Float64:
-        distance = _length(pose[:3, 3] - self._target)
-        return _moved(pose, (_CLICK**clicks - 1.0) * distance * pose[:3, 2])
+    def _scroll_pose(self, pose: Float64, clicks: float) -> Float64:
+        distance = _compute_length(pose[:3, 3] - self._target)
+        return _translate_pose(pose, (_ZOOM_PER_CLICK**clicks - 1.0) * distance * pose[:3, 2])
 
-    def _rotated(self, pose: Float64, azimuth: float, axis: ArrayLike | None) -> Float64:
+    def _rotate_pose(self, pose: Float64, azimuth: float, axis: ArrayLike | None) -> Float64:
         around = pose[:3, 1] if axis is None else np.asarray(axis, np.float64)
-        return _turn(azimuth, around, self._target) @ pose
+        return _make_rotation(azimuth, around, self._target) @ pose
 
 
-def _turn(angle: float, axis: Float64, center: Float64) -> Float64:
+def _make_rotation(angle: float, axis: Float64, center: Float64) -> Float64:
     """Return a rotation by radians around an axis through a point, (4, 4)."""
     from trimesh.transformations import rotation_matrix
 
@@ -126,18 +126,18 @@ def _turn(angle: float, axis: Float64, center: Float64) -> Float64:
     return np.asarray(turn, np.float64)
 
 
-def _moved(pose: Float64, move: Float64) -> Float64:
+def _translate_pose(pose: Float64, move: Float64) -> Float64:
     """Return a pose moved in the world."""
     moved = pose.copy()
     moved[:3, 3] += move
     return moved
 
 
-def _angle(vector: Float64) -> float:
+def _compute_angle(vector: Float64) -> float:
     """Return the direction of a vector, radians."""
     return float(np.arctan2(vector[1], vector[0]))
 
 
-def _length(vector: Float64) -> float:
+def _compute_length(vector: Float64) -> float:
     """Return the length of a vector."""
     return float(np.sqrt((vector * vector).sum()))

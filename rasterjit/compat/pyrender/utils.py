@@ -123,10 +123,10 @@ def format_texture_source(texture: Any, target_channels: str = "RGB") -> NDArray
         raise ValueError(f"must be (H, W) or (H, W, C), got {brief(texture)}")
     if texture.dtype.kind == "f":
         texture = np.clip(np.nan_to_num(texture), 0.0, 1.0) * 255.0
-    return _channels_of(texture.astype(np.uint8), target_channels)
+    return _select_channels(texture.astype(np.uint8), target_channels)
 
 
-def _channels_of(pixels: NDArray[np.uint8], wanted: str) -> NDArray[np.uint8]:
+def _select_channels(pixels: NDArray[np.uint8], wanted: str) -> NDArray[np.uint8]:
     """Return the channels of a picture, or raise ``ValueError`` if it lacks some."""
     if pixels.ndim == 2:
         pixels = pixels[..., None]

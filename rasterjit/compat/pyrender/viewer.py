@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.animation.video import save_animation
-from rasterjit.compat.pyrender import drawing
+from rasterjit.compat.pyrender import conversion
 from rasterjit.compat.pyrender.camera import (
     Camera,
     IntrinsicsCamera,
@@ -36,12 +36,12 @@ from rasterjit.compat.pyrender.constants import (
     DEFAULT_Z_NEAR,
     RenderFlags,
 )
-from rasterjit.compat.pyrender.fields import Field, NoOpenGLError, anything
+from rasterjit.compat.pyrender.fields import Field, NoOpenGLError, keep_any
 from rasterjit.compat.pyrender.light import DirectionalLight
+from rasterjit.compat.pyrender.live_view import LiveView, PosedCamera, Snapshot, Window
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.scene import Scene
-from rasterjit.compat.pyrender.showing import Lens, Look, Showing, Window
 from rasterjit.compat.pyrender.trackball import Trackball
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene import transforms
@@ -55,43 +55,43 @@ from rasterjit.viewer.controls import Event
 
 DEFAULT_SIZE = 640, 480
 
-LEFT, MIDDLE, RIGHT = 1, 2, 4
-"""Buttons of the mouse, as pyglet numbers them ..."""
+LEFT_BUTTON, MIDDLE_BUTTON, RIGHT_BUTTON = 1, 2, 4
+"""Mouse buttons by pyglet's numbers."""
 
-BUTTONS = {1: LEFT, 2: RIGHT, 3: MIDDLE}
-"""... and as events do."""
+PYGLET_BUTTONS = {1: LEFT_BUTTON, 2: RIGHT_BUTTON, 3: MIDDLE_BUTTON}
+"""Pyglet's number of a button by that of an event."""
 
-MODIFIERS = {"Shift": 1, "Control": 2, "Alt": 4}
-"""Keys that are held, as pyglet numbers them."""
+PYGLET_MODIFIERS = {"Shift": 1, "Control": 2, "Alt": 4}
+"""Pyglet's bit of a modifier key by its name in events."""
 
-NOTCH = 100.0
-"""Units of a wheel's event for a click."""
+WHEEL_UNITS_PER_CLICK = 100.0
+"""Units of a wheel event for one click."""
 
-ORTHOGRAPHIC_CLICK = 0.95
-"""Factor on what a parallel camera shows at each click of the wheel."""
+ORTHOGRAPHIC_ZOOM_PER_CLICK = 0.95
+"""Factor on the extent of a parallel camera for one click of the wheel."""
 
 MIN_MAGNIFICATION = 1e-8
 
 MESSAGE_SECONDS = 2.0
-"""How long a message is to be read."""
+"""Time for which a message is shown."""
 
-END_PATIENCE = 1.0
-"""Seconds that the end waits for a program that holds the scene."""
+END_TIMEOUT_SECONDS = 1.0
+"""Time that `Viewer.end` waits for a program that holds the scene."""
 
-FASTEST_GIF = 50.0
-"""Pictures a second that programs show."""
+MAX_PICTURES_PER_SECOND = 50.0
+"""Highest frame rate of saved animations: programs show no more."""
 
-ORTHONORMAL = 1e-6
-"""How far the axes of a pose that only turns and moves may be off."""
+ORTHONORMAL_TOLERANCE = 1e-6
+"""Largest error of the products of a rigid pose's axes."""
 
 _RAYMOND_AZIMUTHS = (0.0, 120.0, 240.0)
 _RAYMOND_TILT = 30.0
-"""Three lights around the viewer, each as far from where it looks from, degrees."""
+"""Directions of three lights around the camera; the tilt is from its backward axis. Degrees."""
 
-_WINDOW = threading.Lock()
-"""Held by the viewer that has a window: a process has one event loop for them."""
+_WINDOW_LOCK = threading.Lock()
+"""Held by the viewer that has a window: a process has one event loop for windows."""
 
-_RENDER_FLAGS: dict[str, Any] = {
+_DEFAULT_RENDER_FLAGS: dict[str, Any] = {
     "flip_wireframe": False,
     "all_wireframe": False,
     "all_solid": False,
@@ -102,7 +102,7 @@ _RENDER_FLAGS: dict[str, Any] = {
     "point_size": 1.0,
 }
 
-_VIEWER_FLAGS: dict[str, Any] = {
+_DEFAULT_VIEWER_FLAGS: dict[str, Any] = {
     "mouse_pressed": False,
     "rotate": False,
     "rotate_rate": math.pi / 3.0,
@@ -122,7 +122,7 @@ _VIEWER_FLAGS: dict[str, Any] = {
     "caption": None,
 }
 
-_KEYS = {
+_KEY_METHODS = {
     "f": "_fit_view",
     "i": "_switch_axes",
     "l": "_switch_lighting",
@@ -133,7 +133,7 @@ _KEYS = {
     "w": "_switch_wireframe",
     "z": "_reset_view",
 }
-"""Keys, and the method that each calls."""
+"""Names of the methods that keys call."""
 
 _FLAG_KEYS = {
     "a": ("rotate", "Rotation"),
@@ -142,7 +142,7 @@ _FLAG_KEYS = {
     "m": ("face_normals", "Face Normals"),
     "n": ("vertex_normals", "Vert Normals"),
 }
-"""Keys that switch a flag, and its name in words."""
+"""Keys that switch a flag: name and label of the flag."""
 
 
 class Viewer(Window):
@@ -203,9 +203,9 @@ class Viewer(Window):
         starts = kwargs.pop("auto_start", True)
         self._render_lock = threading.RLock()
         self._is_active = self._should_close = self._is_started = False
-        self._render_flags = {**_RENDER_FLAGS, **(render_flags or {})}
+        self._render_flags = {**_DEFAULT_RENDER_FLAGS, **(render_flags or {})}
         self._viewer_flags = {
-            **_VIEWER_FLAGS, "rotate_axis": np.array(_VIEWER_FLAGS["rotate_axis"]),
+            **_DEFAULT_VIEWER_FLAGS, "rotate_axis": np.array(_DEFAULT_VIEWER_FLAGS["rotate_axis"]),
             **(viewer_flags or {}),
         }  # fmt: skip
         for name, value in kwargs.items():
@@ -217,17 +217,19 @@ class Viewer(Window):
             ord(key.lower()): value for key, value in (registered_keys or {}).items()
         }
         self._message, self._message_until = "", 0.0
-        # Programs count with them; a message stays as long as all others.
+        # Programs read and write these two of pyrender's; they have no effect.
         self._ticks_till_fade = 2.0 / 3.0 * float(self._viewer_flags["refresh_rate"])
         self._message_opac = 1.0 + self._ticks_till_fade
         self._saved_frames: list[NDArray[np.uint8]] = []
         self._error: BaseException | None = None
-        self._stop: Callable[[], Any] | None = None
+        self._close_backend: Callable[[], Any] | None = None
         self._thread: threading.Thread | None = None
-        drawing.check_flags(self._flags())
-        self._enter()
+        conversion.check_flags(self._combine_render_flags())
+        self._add_viewer_nodes()
         try:
-            self._showing = Showing(self, self._viewport_size, self._viewer_flags["window_title"])
+            self._live_view = LiveView(
+                self, self._viewport_size, self._viewer_flags["window_title"]
+            )
         except BaseException:
             self.end()
             raise
@@ -248,61 +250,61 @@ class Viewer(Window):
 
     @property
     def render_lock(self) -> Any:
-        """A reentrant lock: while a program holds it, the viewer does not look at the scene."""
+        """Reentrant lock: while a program holds it, the viewer does not read the scene."""
         return self._render_lock
 
     @property
     def is_active(self) -> bool:
-        """Whether it is shown, and not closed yet."""
+        """Whether the viewer is open."""
         return self._is_active
 
     @property
     def run_in_thread(self) -> bool:
-        """Whether it is shown while the program goes on."""
+        """Whether the viewer runs in a thread while the program goes on."""
         return self._run_in_thread
 
     render_flags = Field[dict[str, Any]](
-        anything, "dict: how the scene is drawn, by name; may be changed as it is shown."
+        keep_any, "dict: how the scene is drawn, by name; may be changed as it is shown."
     )
     viewer_flags = Field[dict[str, Any]](
-        anything, "dict: how the viewer behaves, by name; likewise."
+        keep_any, "dict: how the viewer behaves, by name; likewise."
     )
-    registered_keys = Field[dict[int, Any]](anything, "dict: what a key calls, by its number.")
+    registered_keys = Field[dict[int, Any]](keep_any, "dict: what a key calls, by its number.")
 
     @property
     def _renderer(self) -> Any:
-        """What programs look for that reach into pyrender's OpenGL."""
+        """Raise `NoOpenGLError` where programs reach into pyrender's OpenGL."""
         raise NoOpenGLError("Viewer._renderer")
 
     def start(self) -> None:
-        """Show it, where ``auto_start`` was False; a second time nothing happens."""
+        """Show the viewer if it was made with ``auto_start=False``; once shown, do nothing."""
         if self._is_started or not self._is_active:
             return
         self._is_started = True
         try:
-            self._start(self._choose_backend())
+            self._run_backend(self._choose_backend())
         except BaseException:
             self.end()
             raise
 
     def close(self) -> None:
-        """Close it, from any thread, and do not wait for that."""
+        """Close the viewer from any thread, without waiting."""
         self._should_close = True
-        stop = self._stop
+        stop = self._close_backend
         if stop is not None:
             stop()
         elif not self._is_started:
             self.end()
 
     def close_external(self) -> None:
-        """Close it from another thread, and wait until the scene is as it was."""
+        """Close the viewer from another thread, and wait until the scene is restored."""
         self.close()
         while self._is_active and threading.current_thread() is not self._thread:
-            time.sleep(self.looks_each)
+            time.sleep(self.refresh_interval)
 
     def save_gif(self, filename: str | Path | None = None) -> None:
         """
-        Write what was recorded to a file, and forget it.
+        Write the recorded pictures to a file, and release them.
 
         With the flag ``record`` and in a thread, close the viewer first. Where nothing was
         recorded, nothing is written.
@@ -321,25 +323,21 @@ class Viewer(Window):
         pictures, self._saved_frames = self._saved_frames, []
         if not pictures:
             return
-        path = self._new_file("recording.gif") if filename is None else Path(filename)
+        path = self._unused_path("recording.gif") if filename is None else Path(filename)
         self._viewer_flags["save_directory"] = str(path.parent)
-        rate = min(max(float(self._viewer_flags["refresh_rate"]), 1.0), FASTEST_GIF)
+        rate = min(max(float(self._viewer_flags["refresh_rate"]), 1.0), MAX_PICTURES_PER_SECOND)
         shape = pictures[-1].shape
         alike = (picture for picture in pictures if picture.shape == shape)
-        save_animation(path, (_opaque(picture) for picture in alike), rate)
-        self._say(f"{path} saved")
+        save_animation(path, (_add_opaque_alpha(picture) for picture in alike), rate)
+        self._show_message(f"{path} saved")
 
     def on_close(self) -> None:
-        """Close it, and let the scene be as it was."""
+        """Restore the scene and close the viewer."""
         self.end()
         self.close()
 
     def on_draw(self) -> None:
-        """
-        Draw anew: it does so by itself, wherever the scene changed.
-
-        It is called before each look at the scene, so subclasses can move things there.
-        """
+        """Prepare the scene for a snapshot; called before each, does nothing unless overridden."""
 
     def on_resize(self, width: int, height: int) -> None:
         """Take the size of the window, pixels."""
@@ -347,17 +345,17 @@ class Viewer(Window):
         self._trackball.resize(self._viewport_size)
 
     def on_mouse_press(self, x: float, y: float, buttons: int, modifiers: int) -> None:
-        """Begin a drag at a pixel, y up; buttons and modifiers are those of pyglet."""
+        """Begin a drag at a pixel, y up; buttons and modifiers are pyglet's numbers."""
         state = Trackball.STATE_ROTATE
-        if buttons == LEFT:
-            is_rolling, is_panning = modifiers & MODIFIERS["Control"], modifiers & 1
+        if buttons == LEFT_BUTTON:
+            is_rolling, is_panning = modifiers & PYGLET_MODIFIERS["Control"], modifiers & 1
             if is_rolling:
                 state = Trackball.STATE_ZOOM if is_panning else Trackball.STATE_ROLL
             elif is_panning:
                 state = Trackball.STATE_PAN
-        elif buttons == MIDDLE:
+        elif buttons == MIDDLE_BUTTON:
             state = Trackball.STATE_PAN
-        elif buttons == RIGHT:
+        elif buttons == RIGHT_BUTTON:
             state = Trackball.STATE_ZOOM
         self._trackball.set_state(state)
         self._trackball.down(np.array([x, y]))
@@ -374,121 +372,124 @@ class Viewer(Window):
         self._viewer_flags["mouse_pressed"] = False
 
     def on_mouse_scroll(self, x: float, y: float, dx: float, dy: float) -> None:
-        """Turn the wheel by clicks, forward where ``dy`` is above 0."""
+        """Zoom by clicks of the wheel, closer where ``dy`` is above 0."""
         camera = self._camera_node.camera
         if self._viewer_flags["use_perspective_cam"] or not isinstance(camera, OrthographicCamera):
             self._trackball.scroll(dy)
             return
-        factor = ORTHOGRAPHIC_CLICK**dy
+        factor = ORTHOGRAPHIC_ZOOM_PER_CLICK**dy
         shape = camera.ymag / camera.xmag
         camera.xmag = max(camera.xmag * factor, MIN_MAGNIFICATION)
         camera.ymag = camera.xmag * shape
 
     def on_key_press(self, symbol: int, modifiers: int) -> None:
-        """Call what a key is registered for, or do what it does by itself."""
+        """Call the function registered for a key, else the viewer's own."""
         registered = self._registered_keys.get(symbol)
         if registered is not None:
-            _call(registered, self)
+            _call_registered(registered, self)
             return
         key = chr(symbol) if 0 <= symbol <= sys.maxunicode else ""
         if key in _FLAG_KEYS:
             self._switch_flag(*_FLAG_KEYS[key])
-        elif key in _KEYS:
-            getattr(self, _KEYS[key])()
+        elif key in _KEY_METHODS:
+            getattr(self, _KEY_METHODS[key])()
 
-    # What shows it asks for.
+    # What `LiveView` calls.
 
     @property
-    def looks_each(self) -> float:
-        """Time between two looks at the scene, seconds."""
+    def refresh_interval(self) -> float:
+        """Time between two snapshots of the scene, seconds."""
         return 1.0 / min(max(float(self._viewer_flags["refresh_rate"]), 1.0), 120.0)
 
     @property
-    def is_turning(self) -> bool:
-        """Whether the camera turns by itself."""
+    def is_rotating(self) -> bool:
+        """Whether the camera rotates by itself now."""
         flags = self._viewer_flags
         return self._is_active and bool(flags["rotate"]) and not flags["mouse_pressed"]
 
     @property
     def message(self) -> str:
-        """What is to be read for a while."""
+        """The current message; empty when its time is over."""
         return self._message if time.monotonic() < self._message_until else ""
 
-    def look(self, size: tuple[int, int]) -> Look | None:
-        """Return the scene as it is, for a picture of a size; None if it is closed."""
+    def capture(self, size: tuple[int, int]) -> Snapshot | None:
+        """Return the scene as it is now, for a picture of a size; None if the viewer is closed."""
         if not self._is_active:
             return None
         if self._is_started:
             self.on_draw()
-        scene, flags = self._scene, drawing.check_flags(self._flags())
+        scene, flags = self._scene, conversion.check_flags(self._combine_render_flags())
         self._camera_node.matrix = self._trackball.pose
         self._set_lights()
-        matrices = drawing.camera_of(scene, size)
+        matrices = conversion.make_camera(scene, size)
         node = scene.main_camera_node or self._camera_node
         pose = scene.get_pose(node)
-        camera = movable_camera(node.camera, pose) or Lens(
+        camera = _perspective_camera_at(node.camera, pose) or PosedCamera(
             matrices.view_from_world, matrices.clip_from_view
         )
-        seen = drawing.Seen(matrices, size, float(self._render_flags["point_size"]))
-        drawn = drawing.convert(scene, flags, seen=seen).scene
-        codes = drawing.background_codes(scene)
+        viewpoint = conversion.Viewpoint(matrices, size, float(self._render_flags["point_size"]))
+        drawn = conversion.convert_scene(scene, flags, viewpoint=viewpoint).scene
+        codes = conversion.quantize_background(scene)
         codes[3] = 255
         if not drawn.nodes:
-            # A scene is of something: a face without area, which is never seen.
+            # A scene must not be empty: add a face without area, which is never seen.
             drawn = DrawnScene()
             drawn.add(DrawnMesh([self._trackball.pose[:3, 3]] * 3, [[0, 1, 2]]))
-            return Look(drawn, camera, codes)
+            return Snapshot(drawn, camera, codes)
         if not scene.light_nodes and not scene.ambient_light.any():
             # A window that is black helps nobody.
-            drawing.add_lights(drawn, [(DirectionalLight(intensity=math.pi), pose)])
-        return Look(drawn, camera, drawing.background_light(codes, flags))
+            conversion.add_lights(drawn, [(DirectionalLight(intensity=math.pi), pose)])
+        return Snapshot(drawn, camera, conversion.decode_background(codes, flags))
 
-    def take(self, event: Event, size: tuple[float, float]) -> bool:
-        """Take in an event of a canvas of a size, and tell whether it meant something."""
+    def handle_event(self, event: Event, size: tuple[float, float]) -> bool:
+        """Handle an event of a canvas of a logical size; tell whether it had an effect."""
         kind = event.get("event_type")
         x, y = event.get("x", 0.0), size[1] - event.get("y", 0.0)
-        held = sum(MODIFIERS.get(name, 0) for name in event.get("modifiers", ()))
+        held = sum(PYGLET_MODIFIERS.get(name, 0) for name in event.get("modifiers", ()))
         with self._render_lock:
             if not self._is_active:
                 return False
             self._trackball.resize(size)
             if kind == "pointer_down":
-                self.on_mouse_press(x, y, BUTTONS.get(event.get("button", 0), 0), held)
+                self.on_mouse_press(x, y, PYGLET_BUTTONS.get(event.get("button", 0), 0), held)
             elif kind == "pointer_move" and self._viewer_flags["mouse_pressed"]:
                 self.on_mouse_drag(x, y, 0.0, 0.0, 0, held)
             elif kind == "pointer_up":
-                self.on_mouse_release(x, y, BUTTONS.get(event.get("button", 0), 0), held)
+                self.on_mouse_release(x, y, PYGLET_BUTTONS.get(event.get("button", 0), 0), held)
             elif kind == "wheel":
-                self.on_mouse_scroll(x, y, 0.0, -event.get("dy", 0.0) / NOTCH)
+                self.on_mouse_scroll(x, y, 0.0, -event.get("dy", 0.0) / WHEEL_UNITS_PER_CLICK)
             elif kind == "key_down" and len(str(event.get("key", ""))) == 1:
                 symbol = ord(event["key"].lower()[0])
-                if symbol not in self._registered_keys and chr(symbol) not in {*_KEYS, *_FLAG_KEYS}:
+                if symbol not in self._registered_keys and chr(symbol) not in {
+                    *_KEY_METHODS,
+                    *_FLAG_KEYS,
+                }:
                     return False
                 self.on_key_press(symbol, held)
             else:
                 return False
         return True
 
-    def look_from(self, pose: NDArray[np.float64]) -> None:
-        """Put the camera somewhere, (4, 4); it goes on to turn around the same point."""
+    def set_camera_pose(self, pose: NDArray[np.float64]) -> None:
+        """Move the camera to a pose, (4, 4); it keeps the point that it rotates around."""
         with self._render_lock:
-            self._trackball = self._new_trackball(pose)
+            self._trackball = self._make_trackball(pose)
 
-    def note_size(self, size: tuple[int, int]) -> None:
-        """Take the size of the picture, pixels."""
+    def apply_picture_size(self, size: tuple[int, int]) -> None:
+        """Call `on_resize` with the new size of the picture, pixels."""
         with self._render_lock:
             self.on_resize(*size)
 
     def fail(self, error: Exception) -> None:
-        """Close it because of an error of the program, which is raised where it runs."""
+        """Close the viewer because of an error, which is raised where the viewer runs."""
         if self._error is None:
             self._error = error
         self.close()
 
     def end(self) -> None:
-        """Take out of the scene what was added, and be active no more."""
+        """Restore the scene and become inactive."""
         # A program that holds the lock may be waiting for this.
-        is_held = self._render_lock.acquire(timeout=END_PATIENCE)
+        is_held = self._render_lock.acquire(timeout=END_TIMEOUT_SECONDS)
         try:
             if not self._is_active:
                 return
@@ -507,18 +508,18 @@ class Viewer(Window):
     # Begin and run.
 
     def _choose_backend(self) -> str:
-        """Return where it is shown."""
+        """Return the name of the backend to show in."""
         backend = show.choose_backend("auto")
         is_main = threading.current_thread() is threading.main_thread() and not self._run_in_thread
-        is_fit = is_main or _may_open_in_a_thread()
-        if backend == "window" and not (is_fit and _WINDOW.acquire(blocking=False)):
+        is_fit = is_main or _can_open_window_in_thread()
+        if backend == "window" and not (is_fit and _WINDOW_LOCK.acquire(blocking=False)):
             return "browser"
         if backend == "terminal" and not is_main:
             raise ImportError('a viewer in a thread needs a page: pip install "rasterjit[browser]"')
         return backend
 
-    def _enter(self) -> None:
-        """Add what the viewer needs to the scene."""
+    def _add_viewer_nodes(self) -> None:
+        """Add the viewer's camera and axes to the scene, and make its lights."""
         scene = self._scene
         prior = scene.main_camera_node
         self._prior_main_camera_node = prior
@@ -542,7 +543,7 @@ class Viewer(Window):
         if self._default_orth_cam is None:
             half = scale or 1.0
             self._default_orth_cam = OrthographicCamera(half, half, znear=near, zfar=far)
-        self._default_camera_pose = self._first_pose() if pose is None else pose
+        self._default_camera_pose = self._default_pose() if pose is None else pose
         is_perspective = self._viewer_flags["use_perspective_cam"]
         self._camera_node = Node(
             matrix=self._default_camera_pose,
@@ -555,82 +556,84 @@ class Viewer(Window):
             self._set_axes(True, self._viewer_flags["show_mesh_axes"])
         scene.add_node(self._camera_node)
         scene.main_camera_node = self._camera_node
-        self._trackball = self._new_trackball(self._default_camera_pose)
+        self._trackball = self._make_trackball(self._default_camera_pose)
         self._is_active = True
 
-    def _start(self, backend: str) -> None:
-        """Show it, and return when it is closed, or at once if it is in a thread."""
-        threading.Thread(target=self._keep_time, name="rasterjit-pyrender", daemon=True).start()
+    def _run_backend(self, backend: str) -> None:
+        """Show the viewer; return when it is closed, or at once if it runs in a thread."""
+        threading.Thread(
+            target=self._rotate_and_record, name="rasterjit-pyrender", daemon=True
+        ).start()
         if backend == "notebook":
             from IPython.display import display
 
-            widget = notebook.widget(self._showing)
+            widget = notebook.make_widget(self._live_view)
             display(widget)
-            self._stop_with(lambda: (widget.close(), self.end()))
+            self._set_stop(lambda: (widget.close(), self.end()))
         elif self._run_in_thread:
             register = getattr(threading, "_register_atexit", None)
             self._thread = threading.Thread(
-                target=self._run,
+                target=self._show_until_closed,
                 args=(backend,),
                 name="rasterjit-viewer",
                 daemon=register is not None,
             )
             self._thread.start()
             if register is not None:
-                # Before the pools of threads go that draw.
-                register(self._wait)
+                # Called before the drawing thread pools shut down.
+                register(self._wait_until_closed)
         else:
-            self._run(backend)
+            self._show_until_closed(backend)
 
-    def _run(self, backend: str) -> None:
-        """Show it until it is closed."""
+    def _show_until_closed(self, backend: str) -> None:
+        """Run a backend until the viewer is closed; then restore the scene."""
         title = str(self._viewer_flags["window_title"])
         try:
             if backend == "window":
-                window, loop = canvas.window(self._showing, title)
+                window, loop = canvas.make_window(self._live_view, title)
 
                 async def close_in_time() -> None:
-                    await self._close_in_time(window)
+                    await self._close_window_when_requested(window)
 
                 loop.add_task(close_in_time)
                 loop.run()
             elif backend == "browser":
-                browser.serve(self._showing, port=_free_port(), on_start=self._stop_with)
+                browser.serve(self._live_view, port=_choose_port(), on_start=self._set_stop)
             else:
-                self._stop_with(_thread.interrupt_main)
-                terminal.run_in_terminal(self._showing, title)
+                self._set_stop(_thread.interrupt_main)
+                terminal.run_in_terminal(self._live_view, title)
         except KeyboardInterrupt:
             if not (backend == "terminal" and self._should_close):
                 raise
         finally:
             if backend == "window":
-                _WINDOW.release()
-            self._stop = None
-            self._showing.close()
+                _WINDOW_LOCK.release()
+            self._close_backend = None
+            self._live_view.close()
             self.end()
         if self._error is not None:
             raise self._error
 
-    async def _close_in_time(self, window: Any) -> None:
-        """Close a window when that is asked for, in the thread that it is in."""
+    async def _close_window_when_requested(self, window: Any) -> None:
+        """Close a window in its own thread once closing is requested."""
         from rendercanvas.utils.asyncs import sleep
 
         while not window.get_closed():
             if self._should_close:
                 window.close()
-            await sleep(self.looks_each)
+            await sleep(self.refresh_interval)
 
-    def _stop_with(self, stop: Callable[[], Any]) -> None:
-        """Take what closes it, and close it at once if that was asked for before."""
-        self._stop = stop
+    def _set_stop(self, stop: Callable[[], Any]) -> None:
+        """Set the function that stops the backend; call it if closing was requested before."""
+        self._close_backend = stop
         if self._should_close:
             stop()
 
-    def _wait(self) -> None:
-        """Wait at the end of the program until it is closed; an error or Ctrl-C closes it."""
+    def _wait_until_closed(self) -> None:
+        """Wait at the program's end until the viewer is closed; an error or Ctrl-C closes it."""
         try:
             while self._is_active and getattr(sys, "last_type", None) is None:
-                time.sleep(self.looks_each)
+                time.sleep(self.refresh_interval)
         except KeyboardInterrupt:
             pass
         finally:
@@ -638,23 +641,23 @@ class Viewer(Window):
             if self._thread is not None:
                 self._thread.join(MESSAGE_SECONDS)
 
-    def _keep_time(self) -> None:
-        """Turn the camera and record, as time passes."""
+    def _rotate_and_record(self) -> None:
+        """Rotate the camera and record pictures as time passes, until the viewer is closed."""
         recorder, last = _Recorder(self), time.monotonic()
         while self._is_active:
-            time.sleep(self.looks_each)
+            time.sleep(self.refresh_interval)
             now = time.monotonic()
-            if self.is_turning:
+            if self.is_rotating:
                 with self._render_lock:
                     flags = self._viewer_flags
                     self._trackball.rotate(
                         flags["rotate_rate"] * (now - last), flags["rotate_axis"]
                     )
             if self._viewer_flags["record"]:
-                picture = recorder.picture()
+                picture = recorder.render()
                 if picture is not None:
                     # As many as there is time for, so that it lasts as long as it took.
-                    count = round((time.monotonic() - recorder.since) / self.looks_each)
+                    count = round((time.monotonic() - recorder.started_at) / self.refresh_interval)
                     self._saved_frames += [picture] * max(0, count - recorder.count)
                     recorder.count = max(recorder.count, count)
             else:
@@ -663,113 +666,113 @@ class Viewer(Window):
         recorder.close()
 
     def _create_raymond_lights(self) -> list[Node]:
-        """Return three new lights around the camera, which programs take; also of the class."""
-        return [_light_node(azimuth) for azimuth in _RAYMOND_AZIMUTHS]
+        """Return three new lights around the camera; ``self`` may be the class."""
+        return [_make_raymond_light(azimuth) for azimuth in _RAYMOND_AZIMUTHS]
 
     def _create_direct_light(self) -> Node:
-        """Return a new light of the camera's own direction; also of the class."""
+        """Return a new light along the camera's direction; ``self`` may be the class."""
         return Node(light=DirectionalLight(color=np.ones(3), intensity=1.0))
 
     # What keys do.
 
     @property
     def _message_text(self) -> str | None:
-        """What is to be read, None without; functions of keys write it."""
+        """The current message or None; registered functions write it."""
         return self.message or None
 
     @_message_text.setter
     def _message_text(self, text: str | None) -> None:
-        self._say("" if text is None else str(text))
+        self._show_message("" if text is None else str(text))
 
-    def _say(self, message: str) -> None:
+    def _show_message(self, message: str) -> None:
         self._message, self._message_until = message, time.monotonic() + MESSAGE_SECONDS
 
-    def _switch_flag(self, name: str, words: str) -> None:
-        """Switch a flag, and say so; one that cannot be honoured stays off."""
-        flags = self._viewer_flags if name in _VIEWER_FLAGS else self._render_flags
+    def _switch_flag(self, name: str, label: str) -> None:
+        """Switch a flag and show a message; one that cannot be drawn stays off."""
+        flags = self._viewer_flags if name in _DEFAULT_VIEWER_FLAGS else self._render_flags
         flags[name] = not flags[name]
         try:
-            drawing.check_flags(self._flags())
+            conversion.check_flags(self._combine_render_flags())
         except ValueError as error:
             flags[name] = False
-            self._say(str(error))
+            self._show_message(str(error))
             return
-        self._say(f"{words} {'On' if flags[name] else 'Off'}")
+        self._show_message(f"{label} {'On' if flags[name] else 'Off'}")
 
     def _switch_axes(self) -> None:
-        """Go on: no axes, the world's, those of meshes, all."""
+        """Go to the next axes: none, the world's, those of meshes, all."""
         flags = self._viewer_flags
-        now = bool(flags["show_world_axis"]), bool(flags["show_mesh_axes"])
-        order = {
+        current = bool(flags["show_world_axis"]), bool(flags["show_mesh_axes"])
+        following = {
             (False, False): (True, False, "World Axis On"),
             (True, False): (False, True, "Mesh Axes On"),
             (False, True): (True, True, "All Axes On"),
             (True, True): (False, False, "All Axes Off"),
         }
-        world, meshes, words = order[now]
+        world, meshes, message = following[current]
         flags["show_world_axis"], flags["show_mesh_axes"] = world, meshes
         self._set_axes(world, meshes)
-        self._say(words)
+        self._show_message(message)
 
     def _switch_lighting(self) -> None:
-        """Go on: the scene's lights, three around the camera, one at it."""
+        """Go to the next lights: the scene's, three around the camera, one at the camera."""
         flags = self._viewer_flags
         if flags["use_raymond_lighting"]:
             flags["use_raymond_lighting"], flags["use_direct_lighting"] = False, True
-            self._say("Direct Lighting")
+            self._show_message("Direct Lighting")
         elif flags["use_direct_lighting"]:
             flags["use_direct_lighting"] = False
-            self._say("Default Lighting")
+            self._show_message("Default Lighting")
         else:
             flags["use_raymond_lighting"] = True
-            self._say("Raymond Lighting")
+            self._show_message("Raymond Lighting")
 
     def _switch_camera(self) -> None:
-        """Look through the other camera, from the same place."""
+        """Exchange the perspective and the parallel camera, at the same pose."""
         is_perspective = not self._viewer_flags["use_perspective_cam"]
         self._viewer_flags["use_perspective_cam"] = is_perspective
         self._camera_node.camera = (
             self._default_persp_cam if is_perspective else self._default_orth_cam
         )
-        self._say("Perspective View" if is_perspective else "Orthographic View")
+        self._show_message("Perspective View" if is_perspective else "Orthographic View")
 
     def _switch_wireframe(self) -> None:
-        """Go on: as materials say, flipped, all edges, all faces."""
+        """Go to the next mode: as materials say, flipped, all edges, all faces."""
         flags = self._render_flags
         names = "flip_wireframe", "all_wireframe", "all_solid"
-        words = ("Default Wireframe", "Flip Wireframe", "All Wireframe", "All Solid")
-        now = next((number + 1 for number, name in enumerate(names) if flags[name]), 0)
-        following = (now + 1) % len(words)
+        messages = ("Default Wireframe", "Flip Wireframe", "All Wireframe", "All Solid")
+        current = next((number + 1 for number, name in enumerate(names) if flags[name]), 0)
+        following = (current + 1) % len(messages)
         for number, name in enumerate(names):
             flags[name] = number + 1 == following
-        self._say(words[following])
+        self._show_message(messages[following])
 
     def _switch_recording(self) -> None:
-        """Begin to record, or end it and write the file."""
+        """Start recording, or stop it and write the file."""
         is_on = not self._viewer_flags["record"]
         self._viewer_flags["record"] = is_on
         if is_on:
-            self._say("Recording")
+            self._show_message("Recording")
         else:
             self.save_gif()
 
     def _save_image(self) -> None:
-        """Write what is seen to a new file."""
+        """Write the current picture to a new file."""
         from PIL import Image
 
-        path, recorder = self._new_file("view.png"), _Recorder(self)
-        picture = recorder.picture()
+        path, recorder = self._unused_path("view.png"), _Recorder(self)
+        picture = recorder.render()
         recorder.close()
         if picture is not None:
             Image.fromarray(picture).save(path)
-            self._say(f"{path} saved")
+            self._show_message(f"{path} saved")
 
     def _reset_view(self) -> None:
-        """Return to where the camera was at first."""
-        self._trackball = self._new_trackball(self._default_camera_pose)
+        """Move the camera back to its first pose."""
+        self._trackball = self._make_trackball(self._default_camera_pose)
 
     def _fit_view(self) -> None:
-        """Show the whole scene, from where the camera looks."""
+        """Fit the whole scene into the picture, without turning the camera."""
         pose, camera = self._trackball.pose.copy(), self._camera_node.camera
         radius = 0.5 * (self._scene.scale or DEFAULT_SCENE_SCALE)
         projection = camera.get_projection_matrix(*self._viewport_size)
@@ -780,56 +783,56 @@ class Viewer(Window):
             factor = radius / min(slopes)
             camera.xmag, camera.ymag = camera.xmag * factor, camera.ymag * factor
             distance = max(2.0 * radius, camera.znear + radius)
-        pose[:3, 3] = self._center() + distance * pose[:3, 2]
-        self._trackball = self._new_trackball(pose)
+        pose[:3, 3] = self._view_center() + distance * pose[:3, 2]
+        self._trackball = self._make_trackball(pose)
 
-    # Smaller steps.
+    # Helpers.
 
-    def _flags(self) -> RenderFlags:
-        """Return how the scene is drawn, in flags."""
-        given, flags = self._render_flags, RenderFlags.NONE
-        if given["flip_wireframe"]:
+    def _combine_render_flags(self) -> RenderFlags:
+        """Return the named render flags as `RenderFlags`."""
+        by_name, flags = self._render_flags, RenderFlags.NONE
+        if by_name["flip_wireframe"]:
             flags |= RenderFlags.FLIP_WIREFRAME
-        elif given["all_wireframe"]:
+        elif by_name["all_wireframe"]:
             flags |= RenderFlags.ALL_WIREFRAME
-        elif given["all_solid"]:
+        elif by_name["all_solid"]:
             flags |= RenderFlags.ALL_SOLID
-        if given["shadows"]:
+        if by_name["shadows"]:
             flags |= RenderFlags.SHADOWS_DIRECTIONAL | RenderFlags.SHADOWS_SPOT
-        if given["vertex_normals"]:
+        if by_name["vertex_normals"]:
             flags |= RenderFlags.VERTEX_NORMALS
-        if given["face_normals"]:
+        if by_name["face_normals"]:
             flags |= RenderFlags.FACE_NORMALS
-        if not given["cull_faces"]:
+        if not by_name["cull_faces"]:
             flags |= RenderFlags.SKIP_CULL_FACES
         return flags
 
-    def _center(self) -> Any:
-        """Return what the camera turns around, (3,)."""
+    def _view_center(self) -> Any:
+        """Return the point that the camera rotates around, (3,), world space."""
         center = self._viewer_flags["view_center"]
         return self._scene.centroid if center is None else np.asarray(center, np.float64)
 
-    def _new_trackball(self, pose: NDArray[np.float64]) -> Trackball:
+    def _make_trackball(self, pose: NDArray[np.float64]) -> Trackball:
         scale = self._scene.scale or DEFAULT_SCENE_SCALE
-        return Trackball(pose, self._viewport_size, scale, self._center())
+        return Trackball(pose, self._viewport_size, scale, self._view_center())
 
-    def _first_pose(self) -> NDArray[np.float64]:
-        """Return where the camera is if the scene has none: along x and z, with z up, (4, 4)."""
+    def _default_pose(self) -> NDArray[np.float64]:
+        """Return the camera's pose, (4, 4), for a scene without one: on the +x +z side, z up."""
         half = 1.0 / math.sqrt(2.0)
         pose = np.eye(4)
         pose[:3, :3] = [[0.0, -half, half], [1.0, 0.0, 0.0], [0.0, half, half]]
         distance = 0.5 * math.sqrt(3.0) * (self._scene.scale or DEFAULT_SCENE_SCALE)
-        pose[:3, 3] = distance * np.array([1.0, 0.0, 1.0]) + self._center()
+        pose[:3, 3] = distance * np.array([1.0, 0.0, 1.0]) + self._view_center()
         return pose
 
     def _set_lights(self) -> None:
-        """Let the viewer's own lights be in the scene if they are on."""
+        """Add the viewer's lights that are on to the scene, and remove those that are off."""
         flags, scene = self._viewer_flags, self._scene
         intensity = float(flags["lighting_intensity"])
         is_raymond = bool(flags["use_raymond_lighting"])
-        own = [(node, is_raymond, intensity / 3.0) for node in self._raymond_lights]
-        own.append((self._direct_light, bool(flags["use_direct_lighting"]), intensity))
-        for node, is_on, strength in own:
+        viewer_lights = [(node, is_raymond, intensity / 3.0) for node in self._raymond_lights]
+        viewer_lights.append((self._direct_light, bool(flags["use_direct_lighting"]), intensity))
+        for node, is_on, strength in viewer_lights:
             if is_on and node.light is not None:
                 node.light.intensity = strength
             if is_on and not scene.has_node(node):
@@ -838,30 +841,30 @@ class Viewer(Window):
                 scene.remove_node(node)
 
     def _set_axes(self, world: bool, meshes: bool) -> None:
-        """Show axes of the world and of each mesh, or take them away."""
-        scene, kept = self._scene, dict(self._axes)
-        for of, node in kept.items():
-            if not (world if of == "scene" else meshes) and scene.has_node(node):
+        """Show or remove the axes of the world and of each mesh."""
+        scene = self._scene
+        for owner, node in list(self._axes.items()):
+            if not (world if owner == "scene" else meshes) and scene.has_node(node):
                 scene.remove_node(node)
-                del self._axes[of]
+                del self._axes[owner]
         if world and "scene" not in self._axes:
-            self._axes["scene"] = Node(mesh=_axis_mesh(), scale=np.ones(3) * scene.scale * 0.3)
+            self._axes["scene"] = Node(mesh=_make_axis_mesh(), scale=np.ones(3) * scene.scale * 0.3)
             scene.add_node(self._axes["scene"])
         if not meshes:
             return
         shown = set(self._axes.values())
-        for of in [node for node in scene._ordered() if node.mesh is not None]:
-            if of not in shown and of not in self._axes and of.mesh is not None:
-                low, high = of.mesh.bounds
+        for node in list(scene._list_nodes()):
+            if node.mesh is not None and node not in shown and node not in self._axes:
+                low, high = node.mesh.bounds
                 size = 0.5 * length(high - low)
-                self._axes[of] = Node(mesh=_axis_mesh(), scale=np.ones(3) * size)
-                scene.add_node(self._axes[of], parent_node=of)
+                self._axes[node] = Node(mesh=_make_axis_mesh(), scale=np.ones(3) * size)
+                scene.add_node(self._axes[node], parent_node=node)
 
     def _remove_axes(self) -> None:
         self._set_axes(False, False)
 
-    def _new_file(self, name: str) -> Path:
-        """Return a file that is not there yet, in the folder to save in."""
+    def _unused_path(self, name: str) -> Path:
+        """Return the path of a file that does not exist yet, in the folder to save in."""
         folder = Path(self._viewer_flags["save_directory"] or ".")
         path, number = folder / name, 1
         while path.exists():
@@ -871,61 +874,58 @@ class Viewer(Window):
 
 
 class _Recorder:
-    """Draws what a viewer shows, also where nobody looks."""
+    """Draws pictures of a viewer apart from its backend, for files."""
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
         self._renderer: Renderer | None = None
         self.count = 0
-        """Pictures that were recorded since it began."""
-        self.since = 0.0
+        """Pictures recorded since ``started_at``."""
+        self.started_at = 0.0
 
     def restart(self) -> None:
-        """Begin anew with the next picture."""
-        self.count, self.since = 0, 0.0
+        """Begin a new recording with the next picture."""
+        self.count, self.started_at = 0, 0.0
 
-    def picture(self) -> NDArray[np.uint8] | None:
-        """Return what is to be seen now, (H, W, 3); None while the program holds the scene."""
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the current picture, (H, W, 3) uint8; None while the program holds the scene."""
         viewer = self._viewer
-        if not viewer.render_lock.acquire(timeout=viewer.looks_each):
+        if not viewer.render_lock.acquire(timeout=viewer.refresh_interval):
             return None
         try:
             size = viewer.viewport_size
-            look = viewer.look(size)
+            snapshot = viewer.capture(size)
         except Exception as error:
             viewer.fail(error)
             return None
         finally:
             viewer.render_lock.release()
-        if look is None:
+        if snapshot is None:
             return None
-        picture = self.drawn(look, size)
-        self.since = self.since or time.monotonic() - viewer.looks_each
-        return picture
-
-    def drawn(self, look: Look, size: tuple[int, int]) -> NDArray[np.uint8]:
-        """Return a picture, (H, W, 3) uint8."""
         if self._renderer is None or self._renderer.size != size:
             self.close()
             self._renderer = Renderer(size)
             self._renderer.warned = None
-        frame = self._renderer.render(look.scene, look.camera, background=look.background)
+        frame = self._renderer.render(
+            snapshot.scene, snapshot.camera, background=snapshot.background
+        )
+        self.started_at = self.started_at or time.monotonic() - viewer.refresh_interval
         return np.ascontiguousarray(frame.color[:, :, :3])
 
     def close(self) -> None:
-        """Let threads and memory go."""
+        """Release threads and memory."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
 
-def movable_camera(camera: Any, pose: NDArray[np.float64]) -> MovableCamera | None:
-    """Return a camera of the viewport's own shape with places and angles; None for others."""
+def _perspective_camera_at(camera: Any, pose: NDArray[np.float64]) -> MovableCamera | None:
+    """Return a perspective camera at a rigid pose; None if the camera or the pose is another."""
     if type(camera) is not PerspectiveCamera or camera.aspectRatio is not None:
         return None
-    turn = pose[:3, :3]
-    products = [[float((turn[:, i] * turn[:, j]).sum()) for j in range(3)] for i in range(3)]
-    if np.abs(np.array(products) - np.eye(3)).max() > ORTHONORMAL:
+    axes = pose[:3, :3].T
+    products = [[float((one * other).sum()) for other in axes] for one in axes]
+    if np.abs(np.array(products) - np.eye(3)).max() > ORTHONORMAL_TOLERANCE:
         return None
     eye, back, up = pose[:3, 3], pose[:3, 2], pose[:3, 1]
     far = math.inf if camera.zfar is None else camera.zfar
@@ -933,31 +933,29 @@ def movable_camera(camera: Any, pose: NDArray[np.float64]) -> MovableCamera | No
     return MovableCamera(eye, eye - back, up, fov_y=fov_y, near=camera.znear, far=far)
 
 
-def _may_open_in_a_thread() -> bool:
-    """Tell whether a window may be another thread's than the main one: of GLFW, but on macOS."""
+def _can_open_window_in_thread() -> bool:
+    """Tell whether a window can run outside the main thread: with GLFW, except on macOS."""
     return sys.platform != "darwin" and window_probe.find_toolkit()[0] == "glfw"
 
 
-def _free_port() -> int:
+def _choose_port() -> int:
     """Return the usual port of pages, or 0 for any if it is taken."""
     with contextlib.suppress(ValueError), browser.bind(browser.DEFAULT_HOST, browser.DEFAULT_PORT):
         return browser.DEFAULT_PORT
     return 0
 
 
-def _call(registered: Any, viewer: Viewer) -> None:
-    """Call what a key is registered for."""
+def _call_registered(registered: Any, viewer: Viewer) -> None:
+    """Call the function registered for a key, alone or with its arguments."""
     if not isinstance(registered, (list, tuple, np.ndarray)):
         registered(viewer)
         return
-    function, *rest = registered
-    arguments = rest[0] if rest and rest[0] is not None else []
-    options = rest[1] if len(rest) > 1 and rest[1] is not None else {}
-    function(viewer, *arguments, **options)
+    function, arguments, options = (*registered, None, None)[:3]
+    function(viewer, *([] if arguments is None else arguments), **(options or {}))
 
 
-def _light_node(azimuth: float) -> Node:
-    """Return one of three lights around the camera, relative to it."""
+def _make_raymond_light(azimuth: float) -> Node:
+    """Return one of the three lights around the camera, in its space; azimuth in degrees."""
     sine, cosine = transforms.sine_cosine(_RAYMOND_TILT)
     y, x = transforms.sine_cosine(azimuth)
     back = np.array([sine * x, sine * y, cosine])
@@ -967,14 +965,14 @@ def _light_node(azimuth: float) -> Node:
     return Node(light=DirectionalLight(color=np.ones(3), intensity=1.0), matrix=pose)
 
 
-def _axis_mesh() -> Mesh:
-    """Return three arrows: x red, y green, z blue."""
+def _make_axis_mesh() -> Mesh:
+    """Return a mesh of three arrows: x red, y green, z blue."""
     import trimesh
 
     axes: Any = trimesh.creation.axis(origin_size=0.1, axis_radius=0.05, axis_length=1.0)
     return Mesh.from_trimesh(axes, smooth=False)
 
 
-def _opaque(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a picture of three channels with a fourth, 255."""
+def _add_opaque_alpha(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an RGB picture with an alpha of 255."""
     return np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])

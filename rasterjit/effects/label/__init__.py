@@ -15,7 +15,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.text_layout import PADDING, Float64, lay_out, text_coverage, warn_of_missing
+from rasterjit.io.text_layout import (
+    PADDING_SHARE,
+    Float64,
+    lay_out,
+    rasterize_text,
+    warn_of_missing,
+)
 from rasterjit.pipeline.srgb_encoding import BUCKET_BITS, make_encoding_table
 from rasterjit.scene.camera import near_far
 from rasterjit.scene.color import decoding_table
@@ -72,7 +78,7 @@ class Box(NamedTuple):
 def find_box(label: Label, anchor: Sequence[float]) -> Box:
     """Return the box of a label, given its anchor in pixels of the whole picture."""
     layout = lay_out(label.text, label.size, _find_side(label, "left", "right"), label.font)
-    padding = 0 if label.background is None else math.floor(PADDING * label.size + 0.5)
+    padding = 0 if label.background is None else math.floor(PADDING_SHARE * label.size + 0.5)
     width, height = layout.width + 2 * padding, layout.height + 2 * padding
     corner = []
     for axis, sides, length in ((0, ("left", "right"), width), (1, ("top", "bottom"), height)):
@@ -120,7 +126,7 @@ def draw_label(
         left + corner[0] - box.left - box.padding,
         top + corner[1] - box.top - box.padding,
     )
-    coverage = text_coverage(layout, label.size, (*first, right - left, bottom - top))
+    coverage = rasterize_text(layout, label.size, (*first, right - left, bottom - top))
     layers = [] if label.background is None else [(np.ones_like(coverage), label.background)]
     composite_layers(color[top:bottom, left:right], [*layers, (coverage, label.color)], in_codes)
 

@@ -60,7 +60,7 @@ def serve(file: int) -> None:
                 continue
             if "hidden" in request:
                 _apply_limits(request, guard)
-            _run_request(request, file, guard, sandbox.seconds_used())
+            _run_request(request, file, guard, sandbox.measure_cpu_seconds())
         _send(answers, {"status": 0})
 
 
@@ -77,7 +77,7 @@ def _import_modules(request: dict[str, Any]) -> None:
         with contextlib.suppress(Exception):
             importlib.import_module(name)
     # Found here, it is known to the copies.
-    sandbox.library_paths()
+    sandbox.list_library_paths()
 
 
 def _serve_by_fork(
@@ -124,7 +124,7 @@ def _run_fork(
     request: dict[str, Any], file: int, guard: sandbox.Guard, child_in: int, child_out: int
 ) -> None:
     """Run one request after the other within limits, and exit after the last one."""
-    start = sandbox.seconds_used()
+    start = sandbox.measure_cpu_seconds()
     _apply_limits(request, guard)
     with os.fdopen(child_in, "rb") as following:
         while True:
@@ -147,7 +147,7 @@ def _wait_for(process: int, from_child: int, limit: float, requests: Any) -> dic
             if os.read(from_child, 1):
                 return {"status": 0, "has_ended": False}
             return {**_kill(process), "is_late": False}
-        now, state = time.monotonic(), _state(process)
+        now, state = time.monotonic(), _read_state(process)
         if state != before or state.startswith(b"R"):
             last_active, before = now, state
         is_late = now - last_active > _MAX_IDLE_SECONDS or now - begin > limit
@@ -163,7 +163,7 @@ def _kill(process: int) -> dict[str, Any]:
     return {"status": os.waitstatus_to_exitcode(status), "has_ended": True, "peak": peak}
 
 
-def _state(process: int) -> bytes:
+def _read_state(process: int) -> bytes:
     """Return a process's state letter and processor time, of /proc."""
     with open(f"/proc/{process}/stat", "rb") as file:
         fields = file.read().rpartition(b")")[2].split()
@@ -173,7 +173,7 @@ def _state(process: int) -> bytes:
 def _apply_limits(request: dict[str, Any], guard: sandbox.Guard) -> None:
     """Restrict this process to the files and memory that a request allows."""
     root, path = os.path.realpath(request["root"]), os.path.realpath(request["path"])
-    paths = [root, path, *sandbox.library_paths()]
+    paths = [root, path, *sandbox.list_library_paths()]
     # What a program hides from itself it hides from its readers.
     sys.modules.update(dict.fromkeys(request["hidden"]))
     os.chdir(request["folder"])
@@ -191,7 +191,7 @@ def _run_request(request: dict[str, Any], file: int, guard: sandbox.Guard, start
     os.truncate(file, 0)
     guard.is_armed = True
     try:
-        result = _result(request, arguments)
+        result = _compute_result(request, arguments)
     finally:
         guard.is_armed = False
     try:
@@ -201,7 +201,7 @@ def _run_request(request: dict[str, Any], file: int, guard: sandbox.Guard, start
         write_value({"error": "MemoryError", "message": ""}, file)
 
 
-def _result(request: dict[str, Any], arguments: Any) -> dict[str, Any]:
+def _compute_result(request: dict[str, Any], arguments: Any) -> dict[str, Any]:
     """Return the result of a reader or codec, with its errors, warnings and notes."""
     from rasterjit.io.foreign.codecs import CODECS
     from rasterjit.io.foreign.readers import read_file

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Isolation: TypeAlias = bool | Literal["all"]
 """Which packages run in an isolated process: all but Pillow, none, or Pillow as well."""
 
-_PLUGINS = ("Png", "Jpeg", "WebP", "Tiff", "Bmp", "Tga", "Gif", "Dds", "Avif")
+_PILLOW_PLUGINS = ("Png", "Jpeg", "WebP", "Tiff", "Bmp", "Tga", "Gif", "Dds", "Avif")
 """Pillow's plugins for the formats that are opened."""
 
 
@@ -44,27 +44,27 @@ class Codec(NamedTuple):
     modules: tuple[str, ...]
 
 
-def _gltf_codec(extension: str, decode: Callable[..., Any]) -> Codec:
+def _make_gltf_codec(extension: str, decode: Callable[..., Any]) -> Codec:
     """Return the codec of an extension of glTF."""
     return Codec(LIBRARIES[extension], decode, (LIBRARIES[extension],))
 
 
-_PICTURE = "picture"
+_PICTURE_CODEC = "picture"
 
 CODECS = {
-    _PICTURE: Codec("Pillow", decode_picture,
-                    ("PIL.Image", *(f"PIL.{name}ImagePlugin" for name in _PLUGINS))),
-    "ktx2": _gltf_codec(BASIS, transcode_ktx2),
-    "draco": _gltf_codec(DRACO, decode_draco_arrays),
-    "meshopt": _gltf_codec(MESHOPT[0], decode_meshopt_rows),
+    _PICTURE_CODEC: Codec("Pillow", decode_picture,
+                    ("PIL.Image", *(f"PIL.{name}ImagePlugin" for name in _PILLOW_PLUGINS))),
+    "ktx2": _make_gltf_codec(BASIS, transcode_ktx2),
+    "draco": _make_gltf_codec(DRACO, decode_draco_arrays),
+    "meshopt": _make_gltf_codec(MESHOPT[0], decode_meshopt_rows),
 }  # fmt: skip
 
 
-def _isolated_codecs(isolate: Isolation) -> frozenset[str]:
+def _list_isolated(isolate: Isolation) -> frozenset[str]:
     """Return the names of the codecs that run in an isolated process."""
     if isolate == "all":
         return frozenset(CODECS)
-    return frozenset(CODECS) - {_PICTURE} if isolate else frozenset()
+    return frozenset(CODECS) - {_PICTURE_CODEC} if isolate else frozenset()
 
 
 class Decoder:
@@ -87,7 +87,7 @@ class Decoder:
         begin: Callable[[MemoryBudget], Session] | None = None,
     ) -> None:
         self._budget, self._begin = budget, begin
-        self._isolated = _isolated_codecs(isolate)
+        self._isolated = _list_isolated(isolate)
         self._session: Session | None = None
 
     def decode(self, name: str, *arguments: Any) -> Any:

@@ -25,7 +25,7 @@ from typing import Any
 
 from rasterjit import forks
 from rasterjit.io.foreign.codecs import CODECS
-from rasterjit.io.foreign.readers import modules_for
+from rasterjit.io.foreign.readers import list_reader_modules
 from rasterjit.io.foreign.serialization import read_value, write_value
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.resources import Resources, extension_of
@@ -33,17 +33,17 @@ from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.warning import warn_caller
 
-_BASE_SECONDS, _SECONDS_PER_MEGABYTE = 10, 10
+_BASE_CPU_SECONDS, _CPU_SECONDS_PER_MB = 10, 10
 """Processor time allowed for a file, and for each megabyte of it."""
 
-_CLOCK_FACTOR = 20.0 if sys.platform == "linux" else 4.0
+_WALL_CLOCK_FACTOR = 20.0 if sys.platform == "linux" else 4.0
 """Wall-clock time allowed, as a multiple of the processor time, which some systems cannot
 limit."""
 
-_START_TIMEOUT = 60.0
+_START_TIMEOUT_SECONDS = 60.0
 """Seconds within which the process must be ready, or kill its fork."""
 
-_UNCOUNTED_BYTES = 1 << 20
+_MAX_UNCOUNTED_BYTES = 1 << 20
 """Bytes of a result that are not counted: names, numbers and notes."""
 
 _HINT = "isolate=False reads it in this process, without limits"
@@ -90,7 +90,7 @@ class _ReaderProcess:
     """A process that reads files."""
 
     def __init__(self) -> None:
-        self._results, name = _result_file()
+        self._results, name = _open_result_file()
         self._is_busy = False
         """Whether it keeps a fork for further requests of a file."""
         number = self._results.fileno()
@@ -98,18 +98,18 @@ class _ReaderProcess:
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             pass_fds=() if name else (number,), env={**os.environ, **_SINGLE_THREADED},
-            # What interrupts this process is not for that one.
+            # Ctrl-C must not interrupt the child.
             start_new_session=os.name == "posix",
         )  # fmt: skip
         configuration = {
-            "path": _module_path(), "package": str(_PACKAGE), "name": __name__.partition(".")[0],
-            "file": name or number,
+            "path": _get_module_path(), "package": str(_PACKAGE),
+            "name": __name__.partition(".")[0], "file": name or number,
         }  # fmt: skip
         with _LOCK:
             _ALL_READERS.add(self)
         try:
             self._send(configuration)
-            self._receive(_START_TIMEOUT)
+            self._receive(_START_TIMEOUT_SECONDS)
         except BaseException:
             self.kill()
             raise
@@ -121,12 +121,12 @@ class _ReaderProcess:
         if arguments:
             write_value(arguments, self._results.fileno())
         self._send(request)
-        status = self._receive(request["timeout"] + _START_TIMEOUT)
+        status = self._receive(request["timeout"] + _START_TIMEOUT_SECONDS)
         self._is_busy = not status.get("has_ended", request["is_last"])
         result = None
         if status["status"] == 0:
             file = self._results.fileno()
-            is_large = os.fstat(file).st_size > request["left"] + _UNCOUNTED_BYTES
+            is_large = os.fstat(file).st_size > request["left"] + _MAX_UNCOUNTED_BYTES
             try:
                 result = {"error": "MemoryError"} if is_large else read_value(file)
             except ValueError as error:
@@ -177,7 +177,7 @@ class _ReaderProcess:
         try:
             self._is_busy = False
             self._send({"end": True})
-            return bool(self._receive(_START_TIMEOUT)["status"] == 0)
+            return bool(self._receive(_START_TIMEOUT_SECONDS)["status"] == 0)
         except _ProcessEndedError:
             return False
 
@@ -202,13 +202,13 @@ class _ReaderProcess:
         self._process.returncode = 0
 
 
-def _module_path() -> list[str]:
+def _get_module_path() -> list[str]:
     """Return ``sys.path`` with absolute paths."""
-    folder = _working_folder()
+    folder = _get_working_folder()
     return [os.path.join(folder, one) for one in sys.path]
 
 
-def _working_folder() -> str:
+def _get_working_folder() -> str:
     """Return the current folder; the root if it was removed."""
     try:
         return os.getcwd()
@@ -216,7 +216,7 @@ def _working_folder() -> str:
         return os.sep
 
 
-def _result_file() -> tuple[Any, str | None]:
+def _open_result_file() -> tuple[Any, str | None]:
     """Return a file for results, and its name if the process must open it by name."""
     if hasattr(os, "memfd_create"):
         return open(os.memfd_create("rasterjit", os.MFD_CLOEXEC), "w+b", buffering=0), None
@@ -265,7 +265,7 @@ def read_isolated(
     """
     with closing(Session(resources.budget, path, resources.root, path.stat().st_size)) as session:
         result = session.request(
-            "its reader", modules_for(extension_of(path)), on_damage=on_damage,
+            "its reader", list_reader_modules(extension_of(path)), on_damage=on_damage,
             on_invalid=on_invalid,
         )  # fmt: skip
     left_out.extend(result["left_out"])
@@ -325,15 +325,16 @@ class Session:
         """
         budget = self._budget
         self._size += sum(len(one) for one in arguments if isinstance(one, bytes))
-        seconds = _BASE_SECONDS + _SECONDS_PER_MEGABYTE * self._size // 1_000_000
+        seconds = _BASE_CPU_SECONDS + _CPU_SECONDS_PER_MB * self._size // 1_000_000
         request = {
             **self._file, **more, "modules": modules, "left": budget.left, "seconds": seconds,
-            "timeout": _CLOCK_FACTOR * seconds, "has_arguments": bool(arguments),
+            "timeout": _WALL_CLOCK_FACTOR * seconds, "has_arguments": bool(arguments),
             "is_last": not arguments,
         }  # fmt: skip
         if self._reader is None:
             request |= {
-                "folder": _working_folder(), "sys_path": _module_path(), "memory": 2 * budget.left,
+                "folder": _get_working_folder(), "sys_path": _get_module_path(),
+                "memory": 2 * budget.left,
                 "hidden": [name for name, one in sys.modules.items() if one is None],
             }  # fmt: skip
         could_not = f"{budget.source} could not be read as .{extension_of(Path(budget.source))}"

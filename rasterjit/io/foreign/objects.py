@@ -20,9 +20,9 @@ from rasterjit.io.text.mesh_builder import (
     Geometry,
     MeshData,
     build_scene,
-    srgb_rgba,
-    strip_triangles,
-    triangles,
+    srgb_to_rgba,
+    triangulate,
+    triangulate_strips,
 )
 from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.lines import split_into_segments
@@ -30,7 +30,7 @@ from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.normals import is_creased, safe_scale
 from rasterjit.scene.scene import Scene
 
-NO_NUMBERS = np.zeros(0, np.int64)
+EMPTY_NUMBERS = np.zeros(0, np.int64)
 
 
 def split_cells(padded: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -45,7 +45,7 @@ def split_cells(padded: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
     cells = np.asarray(padded, np.int64).reshape(-1)
     if not len(cells):
-        return NO_NUMBERS, NO_NUMBERS
+        return EMPTY_NUMBERS, EMPTY_NUMBERS
     width = int(cells[0]) + 1
     if len(cells) % width == 0 and (cells[::width] == cells[0]).all():
         rows = cells.reshape(-1, width)
@@ -88,7 +88,7 @@ def is_scalar(values: NDArray[Any]) -> bool:
     return single and values.dtype.kind in "buif"
 
 
-def usable_normals(
+def check_normals(
     points: NDArray[Any], faces: NDArray[np.int64], normals: NDArray[Any] | None
 ) -> NDArray[Any] | None:
     """Return normals; None if some are missing, or they smooth over sharp edges."""
@@ -101,7 +101,7 @@ def usable_normals(
     return None if is_creased(positions, faces.astype(np.int32), scale) else normals
 
 
-def pick_rows(
+def take_rows(
     values: Mapping[str, NDArray[Any]], rows: NDArray[np.int64] | None
 ) -> dict[str, NDArray[Any]]:
     """Return some rows, or all, of named arrays."""
@@ -142,11 +142,11 @@ _CELL_POINTS = {
 _UNREAD_FIELDS = ("point_sets", "cell_sets", "field_data", "gmsh_periodic")
 """Fields of a ``meshio.Mesh`` that are not read."""
 
-_TAG = ":"
+_READER_TAG = ":"
 """Part of the names that meshio's readers make up, such as ``gmsh:physical``."""
 
 
-def meshio_geometries(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
+def convert_meshio(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
     """Return the faces, lines and points of a ``meshio.Mesh``, or raise `MeshFileError`."""
     # Points in space; blocks of cells of one kind.
     points = np.asarray(what.points)
@@ -198,7 +198,7 @@ def meshio_geometries(what: Any, source: str, left_out: LeftOut) -> list[Geometr
         left_out.note("values of a face that is a side of a solid", duplicates if of_cells else 0)
     polygons.add_all(outer)
     is_solid = bool(solids.blocks)
-    return _geometries(points, of_points, of_cells, (polygons, strips, lone), is_solid, source)
+    return _make_geometries(points, of_points, of_cells, (polygons, strips, lone), is_solid, source)
 
 
 class _CellRows:
@@ -218,16 +218,16 @@ class _CellRows:
 
     def boundary(self) -> _CellRows:
         """Return the polygons that occur once: the boundary of solid cells."""
-        which, _ = distinct_rows(*self._face_keys().T)
+        which, _ = distinct_rows(*self._make_face_keys().T)
         return self._select(np.bincount(which)[which] == 1)
 
     def without(self, other: _CellRows) -> _CellRows:
         """Return the polygons that another one does not hold."""
-        keys = self._face_keys()
-        which, _ = distinct_rows(*np.concatenate([keys, other._face_keys()]).T)
+        keys = self._make_face_keys()
+        which, _ = distinct_rows(*np.concatenate([keys, other._make_face_keys()]).T)
         return self._select(~np.isin(which[: len(keys)], which[len(keys) :]))
 
-    def _face_keys(self) -> NDArray[np.int64]:
+    def _make_face_keys(self) -> NDArray[np.int64]:
         """Return the sorted corners of all polygons, (N, 4); larger polygons are unique."""
         keys = [np.zeros((0, 4), np.int64)]
         for corners, numbers in self.blocks:
@@ -251,11 +251,11 @@ class _CellRows:
 
     def corners(self) -> NDArray[np.int64]:
         """Return all corners, block by block."""
-        return np.concatenate([NO_NUMBERS, *(corners.reshape(-1) for corners, _ in self.blocks)])
+        return np.concatenate([EMPTY_NUMBERS, *(corners.reshape(-1) for corners, _ in self.blocks)])
 
     def numbers(self) -> NDArray[np.int64]:
         """Return the numbers of all cells, block by block."""
-        return np.concatenate([NO_NUMBERS, *(numbers for _, numbers in self.blocks)])
+        return np.concatenate([EMPTY_NUMBERS, *(numbers for _, numbers in self.blocks)])
 
 
 def _concatenate_blocks(blocks: list[NDArray[Any]]) -> NDArray[Any]:
@@ -265,7 +265,7 @@ def _concatenate_blocks(blocks: list[NDArray[Any]]) -> NDArray[Any]:
     return np.concatenate(blocks)
 
 
-def _geometries(
+def _make_geometries(
     points: NDArray[Any], of_points: dict[str, NDArray[Any]], of_cells: dict[str, NDArray[Any]],
     rows: tuple[_CellRows, _CellRows, _CellRows], is_solid: bool, source: str,
 ) -> list[Geometry]:  # fmt: skip
@@ -284,7 +284,7 @@ def _geometries(
             [np.full(len(corners), corners.shape[1]) for corners, _ in polygons.blocks]
         )
         corners = polygons.corners()
-        picked, polygon_numbers = triangles(counts, by_size=False)
+        picked, polygon_numbers = triangulate(counts, by_size=False)
         check_corners(corners, len(points), source)
         cells, used = polygons.numbers()[polygon_numbers], None
         if is_solid:
@@ -294,7 +294,7 @@ def _geometries(
         geometries.append(
             MeshData(
                 "", points if used is None else points[used], corners[picked], None, None, None,
-                None, pick_rows(of_points, used), pick_rows(cell_data, cells),
+                None, take_rows(of_points, used), take_rows(cell_data, cells),
                 scalars if scalars is None or used is None else scalars[used],
                 None if cell_scalars is None else cell_scalars[cells],
             )
@@ -304,7 +304,7 @@ def _geometries(
         check_corners(segments, len(points), source)
         geometries.append(
             LineSet(
-                "", points, segments, None, False, of_points, pick_rows(cell_data, cells), None,
+                "", points, segments, None, False, of_points, take_rows(cell_data, cells), None,
                 scalars, None if cell_scalars is None else cell_scalars[cells],
             )
         )  # fmt: skip
@@ -317,7 +317,7 @@ def _geometries(
         picked = np.arange(len(points))
     if len(picked):
         geometries.append(
-            Cloud("", points[picked], None, None, pick_rows(of_points, picked), None,
+            Cloud("", points[picked], None, None, take_rows(of_points, picked), None,
                   None if scalars is None else scalars[picked])
         )  # fmt: skip
     return geometries
@@ -326,7 +326,12 @@ def _geometries(
 def _first_scalar(values: dict[str, NDArray[Any]], count: int | None) -> str | None:
     """Return the name of the first array that is one number for each row and varies, or None."""
     for name, one in values.items():
-        if _TAG in name or not is_scalar(one) or not len(one) or len(one) != (count or len(one)):
+        if (
+            _READER_TAG in name
+            or not is_scalar(one)
+            or not len(one)
+            or len(one) != (count or len(one))
+        ):
             continue
         if (one != one[0]).any():
             return name
@@ -364,15 +369,15 @@ def note_vtk_messages(left_out: LeftOut) -> Iterator[None]:
                     left_out.note(f"what VTK says: {line}")
 
 
-def pyvista_geometries(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
+def convert_pyvista(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
     """Return the geometries of a data set of PyVista or its blocks, or raise `MeshFileError`."""
-    things = _block_geometries(what, "", source, left_out)
+    things = _convert_blocks(what, "", source, left_out)
     if not things:
         raise MeshFileError(f"{source} holds no faces, lines or points")
     return things
 
 
-def _block_geometries(what: Any, name: str, source: str, left_out: LeftOut) -> list[Geometry]:
+def _convert_blocks(what: Any, name: str, source: str, left_out: LeftOut) -> list[Geometry]:
     """Return the geometries of a data set, or of all blocks of one."""
     for key in getattr(what, "field_data", {}).keys():  # noqa: SIM118 - it is no mapping
         left_out.note(f"field data {str(key)[:MAX_NAME_LENGTH]!r}")
@@ -381,13 +386,13 @@ def _block_geometries(what: Any, name: str, source: str, left_out: LeftOut) -> l
         for key in what.keys():  # noqa: SIM118 - it is no mapping
             block = what[key]
             if block is not None:
-                geometries += _block_geometries(block, str(key), source, left_out)
+                geometries += _convert_blocks(block, str(key), source, left_out)
         return geometries
     if not hasattr(what, "faces") and what.n_cells:
         _check_cells(what, source, left_out)
         with note_vtk_messages(left_out):
             what = what.extract_surface(pass_pointid=False, pass_cellid=False)
-    return _surface_geometries(what, name, source, left_out) if what.n_points else []
+    return _convert_surface(what, name, source, left_out) if what.n_points else []
 
 
 def _check_cells(what: Any, source: str, left_out: LeftOut) -> None:
@@ -422,7 +427,7 @@ def _read_arrays(data: Any, active: str | None, excluded: set[str]) -> _DataArra
     for name in data.keys():  # noqa: SIM118 - it is no mapping
         values = np.asarray(data[name])
         if name == active and are_byte_colors(values):
-            arrays.colors = srgb_rgba(values)
+            arrays.colors = srgb_to_rgba(values)
         elif name == active and is_scalar(values):
             arrays.scalars = arrays.others[name] = values.reshape(-1)
         elif name not in excluded and not name.startswith(_INTERNAL_PREFIX):
@@ -431,7 +436,7 @@ def _read_arrays(data: Any, active: str | None, excluded: set[str]) -> _DataArra
     return arrays
 
 
-def _surface_geometries(what: Any, name: str, source: str, left_out: LeftOut) -> list[Geometry]:
+def _convert_surface(what: Any, name: str, source: str, left_out: LeftOut) -> list[Geometry]:
     """Return the faces, lines and points of a ``PolyData``, or a ``PointSet``."""
     points = np.asarray(what.points)
     active, is_of_cells = what.active_scalars_name, False
@@ -454,24 +459,26 @@ def _surface_geometries(what: Any, name: str, source: str, left_out: LeftOut) ->
         begins[kind] = first
         first += len(counts)
     geometries: list[Geometry] = []
-    faces, numbers = _faces(cells, begins, left_out)
+    faces, numbers = _triangulate_cells(cells, begins, left_out)
     if len(faces):
-        geometries.append(_mesh(what, name, points, faces, numbers, of_points, of_cells))
+        geometries.append(_make_mesh(what, name, points, faces, numbers, of_points, of_cells))
     corners, counts = cells["lines"]
     if len(counts):
         segments, lines = split_into_segments(corners, counts)
         geometries.append(
-            _lines(name, points, segments, lines + begins["lines"], of_points, of_cells)
+            _make_lines(name, points, segments, lines + begins["lines"], of_points, of_cells)
         )
     corners, counts = cells["verts"]
     if len(counts) or not geometries:
         rows = corners if len(counts) and len(corners) != len(points) else None
         cells_of_points = np.repeat(np.arange(len(counts)), counts)
-        geometries.append(_points(what, name, points, rows, cells_of_points, of_points, of_cells))
+        geometries.append(
+            _make_points(what, name, points, rows, cells_of_points, of_points, of_cells)
+        )
     return geometries
 
 
-def _faces(
+def _triangulate_cells(
     cells: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]],
     begins: dict[str, int],
     left_out: LeftOut,
@@ -484,32 +491,32 @@ def _faces(
     numbers = np.flatnonzero(is_polygon) + begins["faces"]
     faces, polygons = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
     if len(numbers):
-        corner_rows, polygons = triangles(counts[is_polygon], by_size=False)
+        corner_rows, polygons = triangulate(counts[is_polygon], by_size=False)
         faces, polygons = corners[corner_rows], numbers[polygons]
     corners, counts = cells["strips"]
-    corner_rows, strips = strip_triangles(counts)
+    corner_rows, strips = triangulate_strips(counts)
     faces = np.concatenate([faces, corners[corner_rows]])
     return faces, np.concatenate([polygons, strips + begins["strips"]])
 
 
-def _mesh(
+def _make_mesh(
     what: Any, name: str, points: NDArray[Any], faces: NDArray[np.int64],
     numbers: NDArray[np.int64], of_points: _DataArrays, of_cells: _DataArrays,
 ) -> MeshData:  # fmt: skip
     """Return the faces of a surface as mesh data."""
-    normals = usable_normals(points, faces, _rows(what, "active_normals", 3))
-    uv = _rows(what, "active_texture_coordinates", 2)
+    normals = check_normals(points, faces, _read_rows(what, "active_normals", 3))
+    uv = _read_rows(what, "active_texture_coordinates", 2)
     colors, scalars = of_points.colors, of_points.scalars
     if of_cells.colors is not None:
         colors = of_cells.colors[numbers]
     return MeshData(
         name, points, faces, normals, uv, colors, None, of_points.others,
-        pick_rows(of_cells.others, numbers), scalars,
+        take_rows(of_cells.others, numbers), scalars,
         None if of_cells.scalars is None else of_cells.scalars[numbers],
     )  # fmt: skip
 
 
-def _lines(
+def _make_lines(
     name: str, points: NDArray[Any], segments: NDArray[np.int64], lines: NDArray[np.int64],
     of_points: _DataArrays, of_cells: _DataArrays,
 ) -> LineSet:  # fmt: skip
@@ -517,17 +524,17 @@ def _lines(
     colors = of_points.colors if of_cells.colors is None else of_cells.colors[lines]
     return LineSet(
         name, points, segments, colors, of_cells.colors is not None, of_points.others,
-        pick_rows(of_cells.others, lines), None, of_points.scalars,
+        take_rows(of_cells.others, lines), None, of_points.scalars,
         None if of_cells.scalars is None else of_cells.scalars[lines],
     )  # fmt: skip
 
 
-def _points(
+def _make_points(
     what: Any, name: str, points: NDArray[Any], rows: NDArray[np.int64] | None,
     cells: NDArray[np.int64], of_points: _DataArrays, of_cells: _DataArrays,
 ) -> Cloud:  # fmt: skip
     """Return all or some points of a surface as a cloud, with the values of their cells."""
-    normals = _rows(what, "active_normals", 3)
+    normals = _read_rows(what, "active_normals", 3)
 
     def picked(values: NDArray[Any] | None, of_cell: NDArray[Any] | None) -> NDArray[Any] | None:
         """Return the values of the shown points, or those of their cells."""
@@ -539,11 +546,11 @@ def _points(
     assert positions is not None
     return Cloud(
         name, positions, picked(of_points.colors, of_cells.colors), picked(normals, None),
-        pick_rows(of_points.others, rows), None, picked(of_points.scalars, of_cells.scalars),
+        take_rows(of_points.others, rows), None, picked(of_points.scalars, of_cells.scalars),
     )  # fmt: skip
 
 
-def _rows(what: Any, name: str, width: int) -> NDArray[Any] | None:
+def _read_rows(what: Any, name: str, width: int) -> NDArray[Any] | None:
     """Return an array of points of the given width if it is finite, else None."""
     values = getattr(what, name, None)
     if values is None or np.shape(values) != (what.n_points, width):
@@ -556,13 +563,13 @@ _OPEN3D_FIELDS = {"positions", "normals", "colors", "indices", "texture_uvs"}
 """Arrays of points, lines and triangles that are read; others become attributes."""
 
 
-def open3d_geometries(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
+def convert_open3d(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
     """Return a geometry of Open3D, or raise `MeshFileError`."""
     kind = type(what).__name__
     if kind not in ("TriangleMesh", "PointCloud", "LineSet"):
         raise MeshFileError(f"{source} must be a TriangleMesh, a PointCloud or a LineSet")
     is_tensor = hasattr(what, "vertex") or hasattr(what, "point")
-    geometry = (_tensor_geometry if is_tensor else _legacy_geometry)(kind, what, left_out)
+    geometry = (_convert_tensors if is_tensor else _convert_legacy)(kind, what, left_out)
     if isinstance(geometry, MeshData) and not len(geometry.faces):
         raise MeshFileError(f"{source} holds a mesh of {len(geometry.vertices)} vertices, no faces")
     if isinstance(geometry, LineSet) and not len(geometry.segments):
@@ -570,86 +577,94 @@ def open3d_geometries(what: Any, source: str, left_out: LeftOut) -> list[Geometr
     return [geometry]
 
 
-def _legacy_geometry(kind: str, what: Any, left_out: LeftOut) -> Geometry:
+def _convert_legacy(kind: str, what: Any, left_out: LeftOut) -> Geometry:
     """Return a geometry of Open3D's legacy classes, which hold vectors."""
     if kind == "PointCloud":
         points = np.asarray(what.points)
-        return Cloud("", points, _colors(what.colors, points), _if_fits(what.normals, points))
+        return Cloud(
+            "", points, _convert_colors(what.colors, points), _check_length(what.normals, points)
+        )
     if kind == "LineSet":
         lines = np.asarray(what.lines).reshape(-1, 2)
-        return LineSet("", np.asarray(what.points), lines, _colors(what.colors, lines), True)
+        return LineSet(
+            "", np.asarray(what.points), lines, _convert_colors(what.colors, lines), True
+        )
     vertices = np.asarray(what.vertices)
     if what.has_textures():
         left_out.note("textures of a TriangleMesh")
     faces = np.asarray(what.triangles).reshape(-1, 3)
-    normals = usable_normals(vertices, faces, _if_fits(what.vertex_normals, vertices))
-    return MeshData("", vertices, faces, normals, None, _colors(what.vertex_colors, vertices))
+    normals = check_normals(vertices, faces, _check_length(what.vertex_normals, vertices))
+    return MeshData(
+        "", vertices, faces, normals, None, _convert_colors(what.vertex_colors, vertices)
+    )
 
 
-def _tensor_geometry(kind: str, what: Any, left_out: LeftOut) -> Geometry:
+def _convert_tensors(kind: str, what: Any, left_out: LeftOut) -> Geometry:
     """Return a geometry of Open3D's tensor classes."""
     what = what.cpu()
-    arrays = _arrays(what.vertex if kind == "TriangleMesh" else what.point)
+    arrays = _get_arrays(what.vertex if kind == "TriangleMesh" else what.point)
     points = arrays.get("positions", np.zeros((0, 3)))
     colors, normals = arrays.get("colors"), arrays.get("normals")
     attributes = {name: values for name, values in arrays.items() if name not in _OPEN3D_FIELDS}
     if kind == "PointCloud":
-        return Cloud("", points, _colors(colors, points), _if_fits(normals, points), attributes)
-    cells = _arrays(what.triangle if kind == "TriangleMesh" else what.line)
+        return Cloud(
+            "", points, _convert_colors(colors, points), _check_length(normals, points), attributes
+        )
+    cells = _get_arrays(what.triangle if kind == "TriangleMesh" else what.line)
     width = 3 if kind == "TriangleMesh" else 2
     rows = cells.get("indices", np.zeros((0, width), np.int64))
     of_cells = {name: values for name, values in cells.items() if name not in _OPEN3D_FIELDS}
-    rgba = _colors(cells.get("colors"), rows)
+    rgba = _convert_colors(cells.get("colors"), rows)
     by_cell = rgba is not None
-    rgba = rgba if by_cell else _colors(colors, points)
+    rgba = rgba if by_cell else _convert_colors(colors, points)
     if kind == "LineSet":
         return LineSet("", points, rows, rgba, by_cell, attributes, of_cells)
     if "texture_uvs" in cells:
         left_out.note("textures of a TriangleMesh")
-    normals = usable_normals(points, rows, _if_fits(normals, points))
+    normals = check_normals(points, rows, _check_length(normals, points))
     return MeshData("", points, rows, normals, None, rgba, None, attributes, of_cells)
 
 
-def _arrays(tensors: Any) -> dict[str, NDArray[Any]]:
+def _get_arrays(tensors: Any) -> dict[str, NDArray[Any]]:
     """Return the arrays of a map of tensors."""
     return {name: tensors[name].numpy() for name in tensors}
 
 
-def _if_fits(values: Any, rows: NDArray[Any]) -> NDArray[Any] | None:
+def _check_length(values: Any, rows: NDArray[Any]) -> NDArray[Any] | None:
     """Return values if there are as many as rows, else None."""
     array = None if values is None else np.asarray(values)
     return array if array is not None and len(array) == len(rows) else None
 
 
-def _colors(values: Any, rows: NDArray[Any]) -> NDArray[np.float32] | None:
+def _convert_colors(values: Any, rows: NDArray[Any]) -> NDArray[np.float32] | None:
     """Return colours, linear RGBA, if there are as many as rows."""
-    array = _if_fits(values, rows)
-    return None if array is None or not len(array) else srgb_rgba(array)
+    array = _check_length(values, rows)
+    return None if array is None or not len(array) else srgb_to_rgba(array)
 
 
-_READERS: dict[str, Callable[[Any, str, LeftOut], list[Geometry]]] = {
-    "pyvista": pyvista_geometries,
-    "open3d": open3d_geometries,
-    "meshio": meshio_geometries,
+_CONVERTERS: dict[str, Callable[[Any, str, LeftOut], list[Geometry]]] = {
+    "pyvista": convert_pyvista,
+    "open3d": convert_open3d,
+    "meshio": convert_meshio,
 }
 """Converters of objects, by their package."""
 
 
-def foreign_package(what: Any) -> str | None:
+def find_package(what: Any) -> str | None:
     """Return the package of an object: pyvista, open3d, meshio, or None."""
     for kind in type(what).__mro__:
         package = kind.__module__.partition(".")[0]
-        if package in _READERS:
+        if package in _CONVERTERS:
             return package
     return None
 
 
-def foreign_name(what: Any) -> str:
+def describe_object(what: Any) -> str:
     """Return an object's package and type for messages, such as ``pyvista PolyData``."""
-    return f"{foreign_package(what)} {type(what).__name__}"
+    return f"{find_package(what)} {type(what).__name__}"
 
 
-def foreign_scene(
+def convert_foreign(
     what: Any, on_invalid: OnInvalid, crease_angle: float, left_out: LeftOut
 ) -> Scene:
     """
@@ -657,6 +672,6 @@ def foreign_scene(
 
     Its arrays are read where they are; each is copied once, into the mesh that owns it.
     """
-    source = foreign_name(what)
-    things = _READERS[str(foreign_package(what))](what, source, left_out)
+    source = describe_object(what)
+    things = _CONVERTERS[str(find_package(what))](what, source, left_out)
     return build_scene(things, Context(source, on_invalid, crease_angle, left_out))

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from rasterjit.io.dxf import note_unread_entities, read_dxf
-from rasterjit.io.foreign.objects import meshio_geometries, note_vtk_messages, pyvista_geometries
+from rasterjit.io.foreign.objects import convert_meshio, convert_pyvista, note_vtk_messages
 from rasterjit.io.load_warnings import (
     DAMAGED,
     MAX_REASON_LENGTH,
     LeftOut,
     MeshFileError,
+    make_missing_package_error,
     raise_mesh_file_error,
     reason_of,
 )
@@ -29,7 +30,7 @@ from rasterjit.io.primitives import Context
 from rasterjit.io.resources import Resources, extension_of, take_members
 from rasterjit.io.text.mesh_builder import Geometry, SceneRecord
 from rasterjit.io.text.number_parser import Damage
-from rasterjit.io.threemf.package import XML_BYTES
+from rasterjit.io.threemf.package import MEMORY_PER_XML_BYTE
 from rasterjit.io.trimesh.resolver import make_resolver, note_trimesh_warnings
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.skins import bake_controllers, note_unread_elements
@@ -49,12 +50,11 @@ VTK_FORMATS = ("vtp", "vti", "vtr", "vts", "vtm")
 _EXTERNAL_PROGRAM_FORMAT = "drc"
 """Format that trimesh reads by an external program, which not all machines have: not read."""
 
-_WARNING, _UNREAD = "Warning:", "cannot handle"
+_WARNING, _DROPPED_CELLS = "Warning:", "cannot handle"
 """Prefix of meshio's printed warnings, and part of one about cells that it drops."""
 
-_BYTES_PER_FILE_BYTE = 12
-"""Memory for a byte of a file, with all arrays that are made of it."""
-
+_MEMORY_PER_FILE_BYTE = 12
+"""Bytes of memory for a byte of a file and the arrays made of it."""
 
 _XDMF_SUFFIXES = (".xdmf", ".xmf")
 
@@ -68,19 +68,17 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Geom
     """
     suffix = path.suffix.lower()
     is_vtk = suffix in (".vtk", ".vtu")
-    resources.budget.take("the file", path.stat().st_size * _BYTES_PER_FILE_BYTE)
+    can_use_pyvista = is_vtk and find_spec("pyvista") is not None
+    resources.budget.take("the file", path.stat().st_size * _MEMORY_PER_FILE_BYTE)
     try:
         import meshio
     except ImportError as error:
-        if is_vtk and find_spec("pyvista") is not None:
+        if can_use_pyvista:
             return _read_by_pyvista(path, left_out)
-        raise MeshFileError(
-            f"{path}: reading {suffix} needs a package that is not installed ({error}); "
-            "pip install 'rasterjit[vtk]' brings it"
-        ) from error
+        raise make_missing_package_error(path, suffix[1:], error, "'rasterjit[vtk]'") from error
     output = io.StringIO()
     try:
-        # It says why it cannot read a file, and ends the program.
+        # meshio prints why it cannot read a file, and exits.
         with (
             contextlib.redirect_stdout(output),
             contextlib.redirect_stderr(output),
@@ -93,27 +91,20 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Geom
         # VTK, which would need as much, ends the process.
         raise
     except (Exception, SystemExit) as error:
-        if is_vtk and find_spec("pyvista") is not None:
+        if can_use_pyvista:
             return _read_by_pyvista(path, left_out)
         if isinstance(error, ImportError):
-            raise MeshFileError(
-                f"{path}: reading {suffix} needs a package that is not installed ({error}); "
-                "pip install 'meshio[all]' brings it"
-            ) from error
+            raise make_missing_package_error(path, suffix[1:], error, "'meshio[all]'") from error
         text = output.getvalue() if isinstance(error, SystemExit) else reason_of(error)
-        reason = " ".join(text.split())[:200] or "it is damaged or something else"
-        has_other = is_vtk and find_spec("pyvista") is None
-        other = "; PyVista may read it: pip install pyvista" if has_other else ""
-        raise MeshFileError(f"{path} could not be read as {suffix}: {reason}{other}") from error
-    if (
-        _UNREAD in " ".join(output.getvalue().split())
-        and is_vtk
-        and find_spec("pyvista") is not None
-    ):
+        reason = " ".join(text.split())[:MAX_REASON_LENGTH] or DAMAGED
+        remedy = "; PyVista may read it: pip install pyvista" if is_vtk else ""
+        raise MeshFileError(f"{path} could not be read as {suffix}: {reason}{remedy}") from error
+    if can_use_pyvista and _DROPPED_CELLS in " ".join(output.getvalue().split()):
         return _read_by_pyvista(path, left_out)
-    for text in [*output.getvalue().split(_WARNING)[1:], *(str(one.message) for one in caught)]:
+    messages = [*output.getvalue().split(_WARNING)[1:], *(str(one.message) for one in caught)]
+    for text in messages:
         left_out.note(f"what meshio says: {' '.join(text.split())[:MAX_REASON_LENGTH]}")
-    return meshio_geometries(mesh, str(path), left_out)
+    return convert_meshio(mesh, str(path), left_out)
 
 
 def _read_xdmf(path: Path) -> Any:
@@ -131,12 +122,10 @@ def _read_xdmf(path: Path) -> Any:
 
 def read_vtk(path: Path, resources: Resources, left_out: LeftOut) -> list[Geometry]:
     """Return the geometries of a file of `VTK_FORMATS`, or raise `MeshFileError`."""
-    resources.budget.take("the file", path.stat().st_size * _BYTES_PER_FILE_BYTE)
+    resources.budget.take("the file", path.stat().st_size * _MEMORY_PER_FILE_BYTE)
     if find_spec("pyvista") is None:
-        raise MeshFileError(
-            f"{path}: reading {path.suffix.lower()} needs a package that is not installed "
-            "(pyvista, for meshio does not read it); pip install pyvista brings it"
-        )
+        reason = "pyvista, for meshio does not read it"
+        raise make_missing_package_error(path, path.suffix.lower()[1:], reason, "pyvista")
     return _read_by_pyvista(path, left_out)
 
 
@@ -146,7 +135,7 @@ def _read_by_pyvista(path: Path, left_out: LeftOut) -> list[Geometry]:
 
     messages = LeftOut()
     try:
-        # PyVista prints, too, what is wrong with a file.
+        # VTK also prints what is wrong with a file.
         with note_vtk_messages(messages), contextlib.redirect_stderr(io.StringIO()):
             dataset = pyvista.read(path)
     except Exception as error:
@@ -155,7 +144,7 @@ def _read_by_pyvista(path: Path, left_out: LeftOut) -> list[Geometry]:
         ) from error
     left_out.extend(messages.entries())
     try:
-        return pyvista_geometries(dataset, str(path), left_out)
+        return convert_pyvista(dataset, str(path), left_out)
     except MeshFileError as error:
         if not str(messages):
             raise
@@ -174,13 +163,13 @@ _REQUIRED_MODULES = {"svg": ("svg.path", "lxml")}
 _XML_FORMATS = ("3dxml", "dae", "svg", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
 """Formats that are or may contain XML."""
 
-_BINARY_BYTES = 4
-"""Memory for a byte of a file that trimesh reads and that is no XML."""
+_MEMORY_PER_BINARY_BYTE = 4
+"""Bytes of memory for a byte of a file that trimesh reads and that is no XML."""
 
 _FLIP_Y = np.diag([1.0, -1.0, 1.0, 1.0])
 """Mirrors y, which points down on an SVG page."""
 
-_EXPECTED = {
+_EXPECTED_CONTENT = {
     "3dxml": "a ZIP archive whose Manifest.xml names a Root",
     "xaml": "XML with MeshGeometry3D elements of Positions, Normals and TriangleIndices",
     "dae": "XML with a COLLADA element",
@@ -205,7 +194,7 @@ def read_file(
         if extension in LAS_FORMATS:
             damage = Damage(file, on_damage, left_out)
             clouds = read_las(file, resources, damage, left_out)
-            damage.note()
+            damage.add_to_left_out()
             return clouds
         if extension in VTK_FORMATS:
             return read_vtk(file, resources, left_out)
@@ -216,38 +205,35 @@ def read_file(
         return _read_by_trimesh(file, extension, resources, on_invalid, left_out)
 
 
-def foreign_formats() -> set[str]:
+def list_foreign_formats() -> set[str]:
     """Return the extensions that the installed other packages read."""
     by_package = {"laspy": LAS_FORMATS, "meshio": CELL_FORMATS, "pyvista": VTK_FORMATS}
     known = [name for package, names in by_package.items() if find_spec(package) for name in names]
-    return {*known, *_trimesh_formats()}
+    return {*known, *_list_trimesh_formats()}
 
 
-def _trimesh_formats() -> set[str]:
-    """Return the extensions that trimesh reads with what is installed."""
+def _list_trimesh_formats() -> set[str]:
+    """Return the extensions that trimesh reads with the packages that are installed."""
     from trimesh.exchange import load as loaders
 
     formats = loaders.available_formats() | set(loaders.voxel_loaders)
-    # It has some of meshio's, too, which are read by meshio itself, or have no such extension.
-    excluded = {*CELL_FORMATS, _EXTERNAL_PROGRAM_FORMAT}
-    return {name for name in formats if name not in excluded and name == _extension(name)}
+    # trimesh also lists formats of meshio, which are read by meshio itself, and some names that
+    # are no extensions.
+    formats -= {*CELL_FORMATS, _EXTERNAL_PROGRAM_FORMAT}
+    return {name for name in formats if name == extension_of(Path(f"a.{name}"))}
 
 
-def _extension(name: str) -> str:
-    """Return a format's name as `extension_of` would return it."""
-    return extension_of(Path(f"a.{name}"))
-
-
-def modules_for(extension: str) -> tuple[str, ...]:
-    """Return the modules that read a format."""
+def list_reader_modules(extension: str) -> tuple[str, ...]:
+    """Return the names of the modules that read a format."""
     if extension in LAS_FORMATS:
         return "laspy", "lazrs", "laszip"
     if extension in VTK_FORMATS:
         return ("pyvista",)
     if extension in CELL_FORMATS:
         return "meshio", "h5py", "netCDF4"
-    trimesh = "trimesh", "trimesh.path.path", "PIL.Image", "lxml.etree", "collada", "networkx"
-    return ("ezdxf.recover", "ezdxf.path", "ezdxf.render") if extension == "dxf" else trimesh
+    if extension == "dxf":
+        return "ezdxf.recover", "ezdxf.path", "ezdxf.render"
+    return "trimesh", "trimesh.path.path", "PIL.Image", "lxml.etree", "collada", "networkx"
 
 
 def _read_by_trimesh(
@@ -261,14 +247,10 @@ def _read_by_trimesh(
     adapter = TrimeshAdapter(Context(str(file), on_invalid, 0.0, left_out, resources.budget), True)
     record = adapter.scene_record(loaded)
     if extension == "svg":
-        # Its y points down.
-        nodes = [
-            one if one.parent is not None else replace(
-                one, transform=compose(_FLIP_Y, one.transform)
-            )
-            for one in record.nodes
-        ]  # fmt: skip
-        record = replace(record, nodes=nodes)
+        for number, node in enumerate(record.nodes):
+            if node.parent is None:
+                flipped = compose(_FLIP_Y, node.transform)
+                record.nodes[number] = replace(node, transform=flipped)
     return record
 
 
@@ -277,7 +259,7 @@ def _load_by_trimesh(file: Path, extension: str, resources: Resources, left_out:
     import trimesh
 
     loaders = trimesh.exchange.load
-    formats = _trimesh_formats() | set(_REQUIRED_MODULES)
+    formats = _list_trimesh_formats() | set(_REQUIRED_MODULES)
     if extension not in formats and (
         extension == _EXTERNAL_PROGRAM_FORMAT or extension not in loaders.mesh_loaders
     ):
@@ -285,35 +267,34 @@ def _load_by_trimesh(file: Path, extension: str, resources: Resources, left_out:
         listing = ", ".join(f".{name}" for name in listed)
         kind = f"the extension .{extension}" if extension else "no extension"
         raise MeshFileError(f"{file} has {kind}; readable formats are {listing} and more")
-    factor = XML_BYTES if extension in _XML_FORMATS else _BINARY_BYTES
-    resources.budget.take("the file", file.stat().st_size * factor)
+    is_xml = extension in _XML_FORMATS
+    memory_per_byte = MEMORY_PER_XML_BYTE if is_xml else _MEMORY_PER_BINARY_BYTE
+    resources.budget.take("the file", file.stat().st_size * memory_per_byte)
     resolver = make_resolver(resources, left_out, extension == "dae")
     try:
         for module in _REQUIRED_MODULES.get(extension, ()):
             import_module(module)
-        take_members(file, extension, factor, resources.budget)
-        bound = bake_controllers(file, left_out) if extension == "dae" else None
+        take_members(file, extension, memory_per_byte, resources.budget)
+        baked = bake_controllers(file, left_out) if extension == "dae" else None
         with warnings.catch_warnings(), note_trimesh_warnings(left_out):
             warnings.simplefilter("ignore")
-            # NumPy only warns of numbers that end at a word that is none; what is behind is lost.
+            # NumPy only warns of a word that is no number, and drops all behind it.
             warnings.filterwarnings("error", ".*could not be read to its end", DeprecationWarning)
             options: dict[str, Any] = {"resolver": resolver, "process": False}
-            if bound is not None:
-                return trimesh.load_scene(io.BytesIO(bound), file_type=extension, **options)
+            if baked is not None:
+                return trimesh.load_scene(io.BytesIO(baked), file_type=extension, **options)
             if extension == "tar.bz2":
-                # As such it unpacks no archive; as the other it tells itself how one is packed.
+                # trimesh does not unpack .tar.bz2, but finds the compression of .tar.gz itself.
                 options["file_type"] = "tar.gz"
             return trimesh.load_scene(file, **options)
     except ImportError as error:
         if error.name in _ENCODING_GUESSERS:
-            # trimesh falls back on guessing the encoding of a text that is none.
+            # trimesh tries to guess the encoding of a file that is no text.
             raise MeshFileError(f"{file} could not be read as .{extension}: {DAMAGED}") from error
-        raise MeshFileError(
-            f"{file}: reading .{extension} needs a package that is not installed ({error}); "
-            "pip install 'rasterjit[formats]' brings them"
-        ) from error
+        raise make_missing_package_error(file, extension, error, "'rasterjit[formats]'") from error
     except Exception as error:
-        expected = f"; expected {_EXPECTED[extension]}" if extension in _EXPECTED else ""
+        expected = _EXPECTED_CONTENT.get(extension)
+        hint = f"; expected {expected}" if expected else ""
         raise MeshFileError(
-            f"{file} could not be read as .{extension}: {reason_of(error)}{expected}"
+            f"{file} could not be read as .{extension}: {reason_of(error)}{hint}"
         ) from error

@@ -25,29 +25,29 @@ from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
-from rasterjit.io.resources import RefusedFileError, quoted_name
+from rasterjit.io.resources import RefusedFileError, quote_name
 
 resource: Any = None
 with contextlib.suppress(ImportError):
     import resource
 
-_MEMORY_SLACK = 256 << 20
+_EXTRA_MEMORY_BYTES = 256 << 20
 """Bytes of address space for other uses, such as stacks of threads."""
 
-_OPEN_FILES = 256
+_MAX_OPEN_FILES = 256
 
-_CREATE, _ADD, _RESTRICT = 444, 445, 446
+_CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
 """Landlock's system calls: create a ruleset, add a rule, restrict; Alpha has others."""
 
-_READ_FILE, _READ_FOLDER = 1 << 2, 1 << 3
-_FILE_RIGHTS = (13, 14, 15, 15, 16)
+_READ_FILE_RIGHT, _READ_FOLDER_RIGHT = 1 << 2, 1 << 3
+_FILE_RIGHT_COUNTS = (13, 14, 15, 15, 16)
 """Number of file rights of each version of Landlock; later ones have as many as the last."""
 
-_TCP, _SCOPES = 0b11, 0b11
+_TCP_RIGHTS, _SCOPE_RIGHTS = 0b11, 0b11
 """Landlock rights over TCP: bind, connect; scopes: abstract sockets, signals."""
 
 _NO_NEW_PRIVILEGES, _DIE_WITH_PARENT = 38, 1
-_NEW_USER, _NEW_NETWORK = 0x10000000, 0x40000000
+_NEW_USER_NAMESPACE, _NEW_NETWORK_NAMESPACE = 0x10000000, 0x40000000
 _SIGKILL = 9
 
 _SYSTEM_PATHS = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/etc/ld.so.cache",
@@ -67,8 +67,8 @@ def isolate_network() -> None:
     """Move this process into an empty network namespace, if the system allows it."""
     if sys.platform == "linux":
         libc = ctypes.CDLL(None, use_errno=True)
-        if libc.unshare(_NEW_NETWORK) != 0:
-            libc.unshare(_NEW_USER | _NEW_NETWORK)
+        if libc.unshare(_NEW_NETWORK_NAMESPACE) != 0:
+            libc.unshare(_NEW_USER_NAMESPACE | _NEW_NETWORK_NAMESPACE)
 
 
 def die_with_parent() -> None:
@@ -77,7 +77,7 @@ def die_with_parent() -> None:
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, _SIGKILL, 0, 0, 0)
 
 
-def seconds_used() -> int:
+def measure_cpu_seconds() -> int:
     """Return the processor time of this process in seconds, rounded up."""
     return int(time.process_time()) + 1
 
@@ -85,7 +85,7 @@ def seconds_used() -> int:
 def limit_cpu_time(seconds: int) -> None:
     """Limit the total processor time of this process."""
     if resource is not None:
-        _limit(resource.RLIMIT_CPU, seconds)
+        _lower_limit(resource.RLIMIT_CPU, seconds)
 
 
 def limit_memory(memory: int) -> None:
@@ -102,13 +102,13 @@ def limit_memory(memory: int) -> None:
     with contextlib.suppress(OSError):
         with open("/proc/self/statm", "rb") as file:
             mapped = int(file.read().split()[0]) * resource.getpagesize()
-        _limit(resource.RLIMIT_AS, mapped + memory + _MEMORY_SLACK)
-    _limit(resource.RLIMIT_FSIZE, memory + _MEMORY_SLACK)
-    _limit(resource.RLIMIT_CORE, 0)
-    _limit(resource.RLIMIT_NOFILE, _OPEN_FILES)
+        _lower_limit(resource.RLIMIT_AS, mapped + memory + _EXTRA_MEMORY_BYTES)
+    _lower_limit(resource.RLIMIT_FSIZE, memory + _EXTRA_MEMORY_BYTES)
+    _lower_limit(resource.RLIMIT_CORE, 0)
+    _lower_limit(resource.RLIMIT_NOFILE, _MAX_OPEN_FILES)
 
 
-def _limit(which: int, value: int) -> None:
+def _lower_limit(which: int, value: int) -> None:
     """Lower a resource limit; one that is lower already stays."""
     _, most = resource.getrlimit(which)
     value = value if most == resource.RLIM_INFINITY else min(value, most)
@@ -116,14 +116,14 @@ def _limit(which: int, value: int) -> None:
         resource.setrlimit(which, (value, most))
 
 
-def library_paths() -> list[str]:
+def list_library_paths() -> list[str]:
     """Return the folders and files that Python and its packages are read from."""
-    return _library_paths_of(tuple(sys.path), len(sys.modules))
+    return _list_library_paths(tuple(sys.path), len(sys.modules))
 
 
 @lru_cache(maxsize=1)
-def _library_paths_of(path: tuple[str, ...], _: int) -> list[str]:
-    """Return `library_paths`, cached for a path and a number of modules."""
+def _list_library_paths(path: tuple[str, ...], _: int) -> list[str]:
+    """Return `list_library_paths`, cached for a path and a number of modules."""
     schemes = sysconfig.get_paths()
     paths = {schemes[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
     paths |= {one for one in path if os.path.basename(one) in ("site-packages", "dist-packages")}
@@ -149,26 +149,32 @@ def restrict_files(paths: Sequence[str]) -> bool:
     if sys.platform != "linux":
         return False
     libc = ctypes.CDLL(None, use_errno=True)
-    version = libc.syscall(_CREATE, None, ctypes.c_size_t(0), ctypes.c_uint32(1))
+    version = libc.syscall(_CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(1))
     if version < 1:
         return False
-    rights = (1 << _FILE_RIGHTS[min(version, len(_FILE_RIGHTS)) - 1]) - 1
-    masks = [rights, *([_TCP] if version >= 4 else []), *([_SCOPES] if version >= 6 else [])]
+    rights = (1 << _FILE_RIGHT_COUNTS[min(version, len(_FILE_RIGHT_COUNTS)) - 1]) - 1
+    masks = [
+        rights,
+        *([_TCP_RIGHTS] if version >= 4 else []),
+        *([_SCOPE_RIGHTS] if version >= 6 else []),
+    ]
     attributes = struct.pack(f"<{len(masks)}Q", *masks)
-    rules = libc.syscall(_CREATE, attributes, ctypes.c_size_t(len(attributes)), ctypes.c_uint32(0))
+    rules = libc.syscall(
+        _CREATE_RULESET, attributes, ctypes.c_size_t(len(attributes)), ctypes.c_uint32(0)
+    )
     if rules < 0:
         return False
     try:
         for path in paths:
-            _allow(libc, rules, path)
+            _add_allowed_path(libc, rules, path)
         if libc.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0) != 0:
             return False
-        return bool(libc.syscall(_RESTRICT, rules, ctypes.c_uint32(0)) == 0)
+        return bool(libc.syscall(_RESTRICT_SELF, rules, ctypes.c_uint32(0)) == 0)
     finally:
         os.close(rules)
 
 
-def _allow(libc: Any, rules: int, path: str) -> None:
+def _add_allowed_path(libc: Any, rules: int, path: str) -> None:
     """Add a path to a ruleset; one that does not exist is left out."""
     try:
         opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
@@ -176,9 +182,9 @@ def _allow(libc: Any, rules: int, path: str) -> None:
         return
     try:
         is_folder = stat.S_ISDIR(os.fstat(opened).st_mode)
-        rights = _READ_FILE | (_READ_FOLDER if is_folder else 0)
+        rights = _READ_FILE_RIGHT | (_READ_FOLDER_RIGHT if is_folder else 0)
         rule = struct.pack("<Qi", rights, opened)
-        libc.syscall(_ADD, rules, ctypes.c_int(1), rule, ctypes.c_uint32(0))
+        libc.syscall(_ADD_RULE, rules, ctypes.c_int(1), rule, ctypes.c_uint32(0))
     finally:
         os.close(opened)
 
@@ -218,17 +224,17 @@ class Guard:
             return
         name = os.fsdecode(file)
         if isinstance(flags, int) and flags & _WRITE_FLAGS:
-            raise RefusedFileError(f"reading a file writes none: {quoted_name(name)}")
+            raise RefusedFileError(f"reading a file writes none: {quote_name(name)}")
         path = os.path.realpath(name)
         if not _is_below(path, self._root) and not any(_is_below(path, one) for one in self._paths):
             raise RefusedFileError(
-                f"the file {quoted_name(name)} lies outside {self._root!r}; resource_root names "
+                f"the file {quote_name(name)} lies outside {self._root!r}; resource_root names "
                 "another folder"
             )
         with contextlib.suppress(OSError):
             kind = os.stat(path).st_mode
             if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind) and not path.startswith("/dev/"):
-                raise RefusedFileError(f"{quoted_name(name)} is no regular file")
+                raise RefusedFileError(f"{quote_name(name)} is no regular file")
 
 
 def _is_below(path: str, folder: str) -> bool:

@@ -100,12 +100,12 @@ class _Encoder:
             ]
             encoded = ["object", type(value).__name__, *fields]
         else:
-            encoded = self._array(np.asarray(value))
+            encoded = self._encode_array(np.asarray(value))
         self._object_numbers[id(value)] = len(self._objects)
         self._objects.append(value)
         return encoded
 
-    def _array(self, values: Any) -> Any:
+    def _encode_array(self, values: Any) -> Any:
         """Append an array; return its type, offset and shape as JSON."""
         if values.dtype.kind not in _NUMBER_KINDS or values.dtype.itemsize > 16:
             values = np.zeros(values.shape, "S1")
@@ -165,7 +165,7 @@ class _Decoder:
         if kind == "object":
             decoded = self._object(rest[0], dict(rest[1:]))
         else:
-            decoded = self._array(rest[0], rest[1], tuple(rest[2:]))
+            decoded = self._decode_array(rest[0], rest[1], tuple(rest[2:]))
         self._objects.append(decoded)
         return decoded
 
@@ -173,7 +173,7 @@ class _Decoder:
         """Return an object of a known class."""
         return _CLASSES[name](**{key: self.decode(one) for key, one in fields.items()})
 
-    def _array(self, form: str, at: int, shape: tuple[int, ...]) -> Any:
+    def _decode_array(self, form: str, at: int, shape: tuple[int, ...]) -> Any:
         """Return an array with memory of its own."""
         kind = np.dtype(form)
         if kind.kind not in _NUMBER_KINDS + "S" or any(one < 0 for one in shape):

@@ -1,5 +1,5 @@
 """
-Read what moves and bends a glTF file: places of nodes, skins, morph targets and animations.
+Read node transforms, skins, morph targets and animations of glTF files.
 
 What cannot be used is left out, with a note: a mesh without its skin stands at its node.
 
@@ -45,10 +45,10 @@ def parent_from_node(node: dict[str, Any]) -> list[list[float]]:
         # glTF writes matrices column by column.
         columns = get_numbers(node, "matrix", (0.0,) * 16)
         return [list(columns[row::4]) for row in range(4)]
-    return compose_rows(trs_of(node))
+    return compose_rows(read_trs(node))
 
 
-def trs_of(node: dict[str, Any]) -> TRS:
+def read_trs(node: dict[str, Any]) -> TRS:
     """Return a node's translation, rotation and scale."""
     x, y, z, w = get_numbers(node, "rotation", (0.0, 0.0, 0.0, 1.0))
     if ((x * x + y * y) + z * z) + w * w == math.inf:
@@ -59,11 +59,11 @@ def trs_of(node: dict[str, Any]) -> TRS:
 
 
 _UBYTE = 5121
-"""Draco rounds numbers to eight bits or more, whatever their type."""
+"""OpenGL's number of uint8. Draco rounds numbers to eight bits or more, whatever their type."""
 
-_ROUNDING = {5120: 4 / 127, _UBYTE: 4 / 255, 5122: 4 / 32767, 5123: 4 / 65535}
-"""By how much four integer weights may miss a sum of 1, by their component type: each is
-rounded by half a step, or cut off. They are scaled all the same."""
+_WEIGHT_SUM_TOLERANCES = {5120: 4 / 127, _UBYTE: 4 / 255, 5122: 4 / 32767, 5123: 4 / 65535}
+"""Largest rounding error of the sum of four integer weights, by their component type: each is
+rounded to the nearest integer, or truncated."""
 
 _TARGET_FIELDS = {"POSITION": "positions", "NORMAL": "normals", "TANGENT": "tangents"}
 """Fields of `MorphTargets`, by the attribute of a target in glTF."""
@@ -74,32 +74,32 @@ def read_joints_and_targets(
     vectors: tuple[NDArray[Any] | None, NDArray[Any] | None], label: str, left_out: LeftOut,
 ) -> dict[str, Any]:  # fmt: skip
     """
-    Return what `Mesh` takes of a primitive's joints and targets; nothing where it has none.
+    Return the arguments of `Mesh` for a primitive's joints, weights and morph targets.
 
     Parameters
     ----------
     file : GltfFile
     primitive : dict
     count : int
-        How many vertices there are.
+        Number of vertices.
     vectors : (array or None, array or None)
-        The normals and the tangents that the mesh has.
+        Normals and tangents of the mesh.
     label : str
-        What messages call the mesh.
+        Name of the mesh in messages.
     left_out : LeftOut
         Notes what cannot be used.
     """
     attributes = get_object(primitive, "attributes")
-    fields = _joints(file, attributes, count, label, left_out)
+    fields = _read_joints(file, attributes, count, label, left_out)
     targets = get_list(primitive, "targets")
     if targets:
-        morphs = _targets(file, targets, count, vectors, label, left_out)
+        morphs = _read_targets(file, targets, count, vectors, label, left_out)
         if morphs is not None:
             fields["morph_targets"] = morphs
     return fields
 
 
-def _joints(
+def _read_joints(
     file: GltfFile, attributes: dict[str, Any], count: int, label: str, left_out: LeftOut
 ) -> dict[str, Any]:
     """Return joints and weights, (V, 4 n); empty if there are none that can be used."""
@@ -114,64 +114,56 @@ def _joints(
             (present,) = set(names) - set(missing)
             left_out.note(f"{present} of {label}, which has no {missing[0]}")
             continue
-        rows = [_rows(file, attributes[name], name, count, 4, label, left_out) for name in names]
+        rows = [
+            _try_read_rows(file, attributes[name], count, 4, f"{name} of {label}", left_out)
+            for name in names
+        ]
         if rows[0] is not None and rows[1] is not None:
             joints.append(rows[0])
             weights.append(rows[1])
-            kind = file.entry("accessors", attributes[names[1]])["componentType"]
+            kind = file.get_entry("accessors", attributes[names[1]])["componentType"]
             if file.is_overridden(attributes[names[1]]):
                 kind = _UBYTE
-            rounding += _ROUNDING.get(kind, 0.0)
+            rounding += _WEIGHT_SUM_TOLERANCES.get(kind, 0.0)
     if not joints:
         return {}
     # Weights are at least 0 and add up to 1.
-    shares = np.concatenate(weights, axis=1)
-    if (shares < 0.0).any():
+    joint_weights = np.concatenate(weights, axis=1)
+    if (joint_weights < 0.0).any():
         left_out.note(f"weights of {label} below 0")
-        shares = np.maximum(shares, 0.0)
-    numbers, sums = np.concatenate(joints, axis=1), sum_rows(shares)
+        joint_weights = np.maximum(joint_weights, 0.0)
+    numbers, sums = np.concatenate(joints, axis=1), sum_rows(joint_weights)
     is_zero = sums == 0.0
-    if is_zero.any():
-        left_out.note(
-            f"weights of {label} that are all 0, whose vertices follow their first joint",
-            int(np.count_nonzero(is_zero)),
-        )
-        shares[is_zero, 0] = 1.0
-    is_off = np.abs(sums - 1.0) > rounding
-    if (is_off & ~is_zero).any():
-        left_out.note(
-            f"sums of weights of {label}, which are not 1: weights are scaled",
-            int(np.count_nonzero(is_off & ~is_zero)),
-        )
+    left_out.note(
+        f"weights of {label} that are all 0, whose vertices follow their first joint",
+        int(np.count_nonzero(is_zero)),
+    )
+    joint_weights[is_zero, 0] = 1.0
+    is_off = (np.abs(sums - 1.0) > rounding) & ~is_zero
+    left_out.note(
+        f"sums of weights of {label}, which are not 1: weights are scaled",
+        int(np.count_nonzero(is_off)),
+    )
     # Joints are whole numbers.
     is_wrong = (numbers < 0.0) | (numbers != np.floor(numbers))
-    if (is_wrong & (shares > 0.0)).any():
+    if (is_wrong & (joint_weights > 0.0)).any():
         left_out.note(f"JOINTS of {label}, which are no whole numbers from 0")
         return {}
-    return {"joints": np.where(is_wrong, 0.0, numbers), "weights": shares}
+    return {"joints": np.where(is_wrong, 0.0, numbers), "weights": joint_weights}
 
 
-def _rows(
-    file: GltfFile, number: Any, name: str, count: int, width: int, label: str, left_out: LeftOut
+def _try_read_rows(
+    file: GltfFile, number: Any, count: int, width: int, label: str, left_out: LeftOut
 ) -> NDArray[np.float64] | None:
-    """Return finite rows of all vertices; None, with a note, if they cannot be used."""
+    """Return the rows of an accessor as float64; None, with a note, if they cannot be used."""
     try:
-        with np.errstate(invalid="ignore"):
-            # A signalling NaN.
-            values = file.array(number).astype(np.float64)
+        return file.read_vertex_rows(number, count, (width,), label, left_out)
     except (ValueError, TypeError, LookupError, OSError) as error:
-        left_out.note(f"{name} of {label}, which cannot be read: {reason_of(error)}")
+        left_out.note(f"{label}, which cannot be read: {reason_of(error)}")
         return None
-    if values.shape != (count, width):
-        left_out.note(f"{name} of {label}, which does not fit the vertices")
-        return None
-    if not np.isfinite(values).all():
-        left_out.note(f"{name} of {label}, which has NaN or infinity")
-        return None
-    return values
 
 
-def _targets(
+def _read_targets(
     file: GltfFile, targets: list[Any], count: int,
     vectors: tuple[NDArray[Any] | None, NDArray[Any] | None], label: str, left_out: LeftOut,
 ) -> MorphTargets | None:  # fmt: skip
@@ -189,30 +181,30 @@ def _targets(
                 continue
             if not is_read[name]:
                 continue
-            what = f"{name} of morph target {index}"
-            rows = _rows(file, number, what, count, 3, label, left_out)
+            target_label = f"{name} of morph target {index} of {label}"
+            rows = _try_read_rows(file, number, count, 3, target_label, left_out)
             if rows is not None:
                 if name not in offsets:
-                    offsets[name] = _zeros(file, len(targets), count, label)
+                    offsets[name] = _make_zeros(file, len(targets), count, label)
                 with np.errstate(over="ignore"):
                     offsets[name][index] = rows
     if not offsets:
-        offsets["POSITION"] = _zeros(file, len(targets), count, label)
+        offsets["POSITION"] = _make_zeros(file, len(targets), count, label)
     fields: dict[str, Any] = {_TARGET_FIELDS[name]: rows for name, rows in offsets.items()}
     return MorphTargets(**fields)
 
 
-def _zeros(file: GltfFile, targets: int, count: int, label: str) -> NDArray[np.float32]:
-    """Return displacements of 0, (T, V, 3), counted by the file's budget."""
-    # They are copied when the mesh is made, and when its creases are split.
+def _make_zeros(file: GltfFile, targets: int, count: int, label: str) -> NDArray[np.float32]:
+    """Return displacements of 0, (T, V, 3), and count their memory."""
+    # Copied when the mesh is made, and when its creases are split.
     file.budget.take(f"the morph targets of {label}", targets * count * 3 * 12)
     return np.zeros((targets, count, 3), np.float32)
 
 
-def with_morph_weights(
+def set_morph_weights(
     entry: dict[str, Any], meshes: Sequence[Mesh], label: str, left_out: LeftOut
 ) -> list[Mesh]:
-    """Return meshes with the morph weights and target names of their entry in the file."""
+    """Set the morph weights and target names of meshes by their entry; return the meshes."""
     if all(mesh.morph_targets is None for mesh in meshes):
         return list(meshes)
     weights: tuple[float, ...] | None = None
@@ -261,18 +253,18 @@ class AnimationReader:
     Attributes
     ----------
     required_nodes : set of int
-        Numbers of the nodes that have to be there, whether anything is seen of them or not.
+        Numbers of the nodes that must exist even if they show nothing: joints and animated ones.
     animated_nodes : set of int
-        Numbers of those that an animation moves.
+        Numbers of the nodes that an animation moves.
     """
 
     def __init__(self, file: GltfFile, left_out: LeftOut) -> None:
         self._file = file
         self._left_out = left_out
-        self._skins = _list_of(file.header, "skins", left_out)
-        self._animations = _list_of(file.header, "animations", left_out)
-        self.animated_nodes = self._find_targets()
-        joints = {number for skin in self._skins for number in _numbers(skin, "joints")}
+        self._skins = _get_list(file.header, "skins", left_out)
+        self._animations = _get_list(file.header, "animations", left_out)
+        self.animated_nodes = self._find_animated_nodes()
+        joints = {number for skin in self._skins for number in _get_integers(skin, "joints")}
         self.required_nodes = self.animated_nodes | joints
         self._mesh_nodes: list[tuple[dict[str, Any], Node]] = []
         self._parts: dict[int, list[Node]] = {}
@@ -287,13 +279,13 @@ class AnimationReader:
 
     def finish(self, scene: Scene, nodes: dict[int, Node]) -> None:
         """
-        Give nodes their skins and weights, and the scene its animations.
+        Set the skins and weights of nodes, and the animations of the scene.
 
         Parameters
         ----------
         scene : Scene
         nodes : dict of int to Node
-            What stands for the nodes of the file; those that are in none of its scenes are added.
+            Nodes by their number in the file; joints outside the scene are added.
         """
         if self._mesh_nodes or self.required_nodes:
             self._note_cycles()
@@ -306,14 +298,14 @@ class AnimationReader:
             number = entry["skin"]
             key = number if isinstance(number, int) else quote(number)
             if key not in skins:
-                skins[key] = self._skin(number, nodes)
+                skins[key] = self._read_skin(number, nodes)
             self._set_skin(node, skins[key])
         for number, animation in enumerate(self._animations):
-            built = self._animation(number, animation, nodes)
-            if built is not None:
-                scene.animations.append(built)
+            read = self._read_animation(number, animation, nodes)
+            if read is not None:
+                scene.animations.append(read)
 
-    def _find_targets(self) -> set[int]:
+    def _find_animated_nodes(self) -> set[int]:
         """Return the numbers of the nodes that animations move."""
         numbers = set()
         for animation in self._animations:
@@ -326,64 +318,64 @@ class AnimationReader:
         return numbers
 
     def _note_cycles(self) -> None:
-        """Note nodes that are their own ancestors; each is used where it is met first."""
+        """Note nodes that are their own ancestors; each is used where the walk first meets it."""
         children = [
-            _numbers(node, "children") for node in _list_of(self._file.header, "nodes", None)
+            _get_integers(node, "children") for node in _get_list(self._file.header, "nodes", None)
         ]
-        state = [0] * len(children)
+        visited: set[int] = set()
+        ancestors: set[int] = set()
         for root in range(len(children)):
-            waiting = [(root, False)]
-            while waiting:
-                number, is_done = waiting.pop()
-                if is_done:
-                    state[number] = 2
+            pending = [(root, False)]
+            while pending:
+                number, is_left = pending.pop()
+                if is_left:
+                    ancestors.discard(number)
                     continue
-                if state[number]:
+                if number in visited:
                     continue
-                state[number] = 1
-                waiting.append((number, True))
+                visited.add(number)
+                ancestors.add(number)
+                pending.append((number, True))
                 for child in children[number]:
-                    if child >= len(children):
-                        continue
-                    if state[child] == 1:
+                    if child in ancestors:
                         self._left_out.note(f"node {child} below itself")
-                    elif state[child] == 0:
-                        waiting.append((child, False))
+                    elif child < len(children) and child not in visited:
+                        pending.append((child, False))
 
-    def _node(self, number: int, nodes: dict[int, Node]) -> Node:
+    def _get_node(self, number: int, nodes: dict[int, Node]) -> Node:
         """Return the node of a number, made with its ancestors if it is in no scene."""
-        # A dictionary keeps their order, and finds those of a circle at once.
+        # A dictionary as an ordered set: a circle of parents ends the walk.
         missing: dict[int, None] = {}
-        at = number
-        while at not in nodes:
-            missing[at] = None
-            above = self._parents.get(at)
-            if above is None or above in missing:
+        ancestor = number
+        while ancestor not in nodes:
+            missing[ancestor] = None
+            parent = self._parents.get(ancestor)
+            if parent is None or parent in missing:
                 break
-            at = above
-        node = nodes.get(at)
-        for one in reversed(missing):
-            entry = self._file.entry("nodes", one)
-            name = str(entry.get("name", one))
-            node = nodes[one] = Node(None, parent_from_node(entry), name, parent=node)
+            ancestor = parent
+        node = nodes.get(ancestor)
+        for missing_number in reversed(missing):
+            entry = self._file.get_entry("nodes", missing_number)
+            name = str(entry.get("name", missing_number))
+            node = nodes[missing_number] = Node(None, parent_from_node(entry), name, parent=node)
             if "matrix" not in entry:
-                node._trs = trs_of(entry)
+                node._trs = read_trs(entry)
         return nodes[number]
 
     @cached_property
     def _parents(self) -> dict[int, int]:
         """Number of the first parent of each node."""
         parents: dict[int, int] = {}
-        for number, node in enumerate(_list_of(self._file.header, "nodes", None)):
-            for child in _numbers(node, "children"):
+        for number, node in enumerate(_get_list(self._file.header, "nodes", None)):
+            for child in _get_integers(node, "children"):
                 parents.setdefault(child, number)
         return parents
 
-    def _skin(self, number: Any, nodes: dict[int, Node]) -> Skin | None:
+    def _read_skin(self, number: Any, nodes: dict[int, Node]) -> Skin | None:
         """Return a skin; None, with a note, if it cannot be used."""
         label = f"skin {quote(number)}"
         try:
-            entry = self._file.entry("skins", number)
+            entry = self._file.get_entry("skins", number)
             label = f"skin {brief(entry.get('name', number))}"
             joints = get_list(entry, "joints")
             if not joints:
@@ -394,17 +386,17 @@ class AnimationReader:
                     raise ValueError(f"joints must be below {count}, got {quote(joint)}")
             binds = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
             if "inverseBindMatrices" in entry:
-                binds = self._inverse_binds(entry["inverseBindMatrices"], len(joints))
-            nodes_of_joints = [self._node(int(joint), nodes) for joint in joints]
+                binds = self._read_inverse_binds(entry["inverseBindMatrices"], len(joints))
+            nodes_of_joints = [self._get_node(int(joint), nodes) for joint in joints]
             return Skin(nodes_of_joints, binds, str(entry.get("name", "")))
         except READ_ERRORS as error:
             self._left_out.note(f"{label}, which cannot be used: {reason_of(error)}")
             return None
 
-    def _inverse_binds(self, accessor: Any, count: int) -> NDArray[np.float64]:
+    def _read_inverse_binds(self, accessor: Any, count: int) -> NDArray[np.float64]:
         """Return inverse bind matrices, (J, 4, 4), or raise ``ValueError``."""
         with np.errstate(invalid="ignore"):
-            rows = self._file.array(accessor).astype(np.float64)
+            rows = self._file.read_array(accessor).astype(np.float64)
         if rows.shape[1] != 16 or len(rows) < count:
             raise ValueError(
                 f"inverseBindMatrices must be {count} matrices of 16 numbers, got {len(rows)} of "
@@ -431,7 +423,7 @@ class AnimationReader:
         except ValueError as error:
             self._left_out.note(f"weights of node {brief(node.name)}: {reason_of(error)}")
 
-    def _animation(self, number: int, entry: Any, nodes: dict[int, Node]) -> Animation | None:
+    def _read_animation(self, number: int, entry: Any, nodes: dict[int, Node]) -> Animation | None:
         """Return an animation; None, with a note, if it cannot be used."""
         label = f"animation {number}"
         try:
@@ -442,25 +434,27 @@ class AnimationReader:
         except READ_ERRORS as error:
             self._left_out.note(f"{label}, which cannot be read: {reason_of(error)}")
             return None
-        built: list[Channel] = []
+        read: list[Channel] = []
         animated: set[tuple[int, str]] = set()
         for index, one in enumerate(channels):
             try:
-                for channel in self._channels(one, samplers, nodes):
+                for channel in self._read_channels(one, samplers, nodes):
                     if (id(channel.node), channel.path) in animated:
                         raise ValueError(f"it moves the {channel.path} of a node once more")
                     animated.add((id(channel.node), channel.path))
-                    built.append(channel)
+                    read.append(channel)
             except READ_ERRORS as error:
                 self._left_out.note(f"channel {index} of {label}", reason=f": {reason_of(error)}")
-        if not built:
+        if not read:
             self._left_out.note(f"{label}, which has no channel of use")
             return None
-        return Animation(name, built)
+        return Animation(name, read)
 
-    def _channels(self, entry: Any, samplers: list[Any], nodes: dict[int, Node]) -> list[Channel]:
+    def _read_channels(
+        self, entry: Any, samplers: list[Any], nodes: dict[int, Node]
+    ) -> list[Channel]:
         """Return the channels of an entry, one for each part of the mesh for weights, or raise."""
-        # Which property of which node it moves.
+        # The animated property and its node.
         channel = get_object({"channel": entry}, "channel")
         target = get_object(channel, "target")
         if POINTER in get_object(target, "extensions") or target.get("path") == "pointer":
@@ -469,29 +463,30 @@ class AnimationReader:
         if path not in PATHS:
             raise ValueError(f"path must be one of {', '.join(PATHS)}, got {quote(path)}")
         number = get_integer(target, "node")
-        self._file.entry("nodes", number)
+        self._file.get_entry("nodes", number)
         if number not in nodes:
             raise ValueError(f"node {number} is not in the scene")
-        # Its keys.
+        # The keys.
         index = get_integer(channel, "sampler")
         if index >= len(samplers):
             raise ValueError(f"sampler must be below {len(samplers)}, got {index}")
         sampler = get_object({"sampler": samplers[index]}, "sampler")
         kind = one_of("interpolation", sampler.get("interpolation", "LINEAR"), INTERPOLATIONS)
         times, values = (
-            self._file.array(require(sampler, key)).astype(np.float64)
+            self._file.read_array(require(sampler, key)).astype(np.float64)
             for key in ("input", "output")
         )
         if times.shape[1] != 1:
             raise ValueError(f"input must be numbers, got rows of {times.shape[1]}")
-        # Their values: rows for a node, numbers for the targets of each part.
+        # Their values: a row for a key, or a number for each morph target. Splines have tangents.
         count, parts = len(times), (3,) if kind == "CUBICSPLINE" else ()
+        value_count = count * (3 if parts else 1)
         if path != "weights":
             width = VALUE_WIDTHS[path]
-            if values.shape != (count * (3 if parts else 1), width):
+            if values.shape != (value_count, width):
                 raise ValueError(
-                    f"output must be {count * (3 if parts else 1)} rows of {width} for {count} "
-                    f"keys, got {len(values)} of {values.shape[1]}"
+                    f"output must be {value_count} rows of {width} for {count} keys, got "
+                    f"{len(values)} of {values.shape[1]}"
                 )
             animated = [nodes[number]]
         else:
@@ -501,17 +496,17 @@ class AnimationReader:
             if not animated:
                 raise ValueError(f"node {number} has no morph targets")
             width = len(animated[0].mesh.morph_targets or ())
-            if values.size != count * width * (3 if parts else 1):
+            if values.size != value_count * width:
                 raise ValueError(
-                    f"output must be {count * width * (3 if parts else 1)} numbers for {count} "
-                    f"keys of {width} morph targets, got {values.size}"
+                    f"output must be {value_count * width} numbers for {count} keys of {width} "
+                    f"morph targets, got {values.size}"
                 )
         shaped = values.reshape(count, *parts, width)
         return [Channel(node, path, times[:, 0], shaped, kind) for node in animated]
 
 
-def _list_of(header: dict[str, Any], key: str, left_out: LeftOut | None) -> list[Any]:
-    """Return a list of the header; empty, with a note, if it is none."""
+def _get_list(header: dict[str, Any], key: str, left_out: LeftOut | None) -> list[Any]:
+    """Return a list of the header; empty, with a note, if its value is no list."""
     try:
         return get_list(header, key)
     except ValueError as error:
@@ -520,7 +515,7 @@ def _list_of(header: dict[str, Any], key: str, left_out: LeftOut | None) -> list
         return []
 
 
-def _numbers(entry: Any, key: str) -> list[int]:
+def _get_integers(entry: Any, key: str) -> list[int]:
     """Return the non-negative integers that an entry lists under a key."""
     listed = entry.get(key) if isinstance(entry, dict) else None
     listed = listed if isinstance(listed, list) else []

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.gltf.extensions import BASIS, DRACO, check_library
 from rasterjit.io.gltf.json_checks import get_integer, quote, require
-from rasterjit.io.images import take_texels
+from rasterjit.io.images import take_texel_memory
 from rasterjit.io.load_warnings import reason_of
 from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.texture import check_texels
@@ -68,7 +68,7 @@ def decode_draco(stream: bytes, max_corners: int, decoder: Decoder) -> DracoMesh
     """
     check_library(DRACO)
     try:
-        faces, vertices = declared_draco_counts(stream)
+        faces, vertices = read_draco_counts(stream)
     except IndexError:
         raise ValueError(f"{DRACO}: its stream ends too early") from None
     if max(3 * faces, vertices) > max_corners:
@@ -102,7 +102,7 @@ def decode_draco_arrays(
     return corners, [(int(one["unique_id"]), np.asarray(one["data"])) for one in mesh.attributes]
 
 
-def declared_draco_counts(stream: bytes) -> tuple[int, int]:
+def read_draco_counts(stream: bytes) -> tuple[int, int]:
     """
     Return how many faces and vertices a stream says that it has.
 
@@ -232,11 +232,11 @@ _EXTENT_OFFSET = 20
 _LEVEL_SIZE_OFFSET = 96
 """Offset of the uncompressed size of the largest level in the level index."""
 
-_BLOCK, _BLOCK_BYTES = 4, 16
+_BLOCK_SIDE, _MAX_BLOCK_BYTES = 4, 16
 """Side of a block in texels, and most bytes of an uncompressed block."""
 
 
-def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget, decoder: Decoder) -> NDArray[Any]:
+def decode_ktx2(content: bytes, what: str, budget: MemoryBudget, decoder: Decoder) -> NDArray[Any]:
     """
     Decode the largest level of a KTX 2 file.
 
@@ -267,7 +267,7 @@ def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget, decoder: Decode
         raise ValueError("it ends too early")
     size = struct.unpack_from("<II", content, _EXTENT_OFFSET)
     check_texels("it", *size)
-    take_texels(size, what, budget)
+    take_texel_memory(size, what, budget)
     try:
         pixels: NDArray[Any] = decoder.decode("ktx2", content)
     except Exception as error:
@@ -291,7 +291,7 @@ def _check_level_size(content: bytes) -> None:
     """Raise ``ValueError`` if the declared size of the largest level exceeds that of its blocks."""
     width, height = struct.unpack_from("<II", content, _EXTENT_OFFSET)
     (declared,) = struct.unpack_from("<Q", content, _LEVEL_SIZE_OFFSET)
-    max_bytes = -(-width // _BLOCK) * -(-height // _BLOCK) * _BLOCK_BYTES
+    max_bytes = -(-width // _BLOCK_SIDE) * -(-height // _BLOCK_SIDE) * _MAX_BLOCK_BYTES
     if declared > max_bytes:
         raise ValueError(
             f"its largest level of {width}×{height} texels must have at most {max_bytes} bytes "

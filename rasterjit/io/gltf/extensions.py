@@ -37,17 +37,17 @@ from rasterjit.scene.validation import brief
 MIN_ATTENUATION_DISTANCE = 1e-6
 """Attenuation distance in place of 0, which a file may have."""
 
-_NONE: Mapping[str, Any] = MappingProxyType({})
+_EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 
 class MaterialExtension(NamedTuple):
     """The properties of a material extension, by the fields of `Material`."""
 
-    numbers: Mapping[str, tuple[str, float, float]] = _NONE
+    numbers: Mapping[str, tuple[str, float, float]] = _EMPTY
     """Name, default and largest value of a number."""
-    colors: Mapping[str, tuple[str, float, float]] = _NONE
+    colors: Mapping[str, tuple[str, float, float]] = _EMPTY
     """Name, default of all channels and largest value of a colour."""
-    textures: Mapping[str, tuple[str, ColorSpace]] = _NONE
+    textures: Mapping[str, tuple[str, ColorSpace]] = _EMPTY
     """Name and colour space of a texture."""
 
 
@@ -177,7 +177,7 @@ VARIANTS = "KHR_materials_variants"
 _EXTENSIONS = "extensions"
 
 
-def variant_names(header: dict[str, Any], left_out: LeftOut) -> list[str | None]:
+def read_variant_names(header: dict[str, Any], left_out: LeftOut) -> list[str | None]:
     """
     Return the names of a file's variants, in its order.
 
@@ -211,7 +211,7 @@ def variant_names(header: dict[str, Any], left_out: LeftOut) -> list[str | None]
     return names
 
 
-def variant_materials(
+def read_variant_materials(
     primitive: dict[str, Any], names: Sequence[str | None], label: str, left_out: LeftOut
 ) -> dict[str, int]:
     """
@@ -221,7 +221,7 @@ def variant_materials(
     ----------
     primitive : dict
     names : sequence of str or None
-        As `variant_names` returns them.
+        As `read_variant_names` returns them.
     label : str
         What messages call the mesh.
     left_out : LeftOut
@@ -260,7 +260,7 @@ def variant_materials(
     return materials
 
 
-def variant_mappings(
+def make_variant_mappings(
     materials: Mapping[str, int], names: Sequence[str]
 ) -> dict[str, list[dict[str, Any]]]:
     """

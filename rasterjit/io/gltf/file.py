@@ -1,5 +1,5 @@
 """
-Read glTF 2.0 files, ``.gltf`` and ``.glb``: the JSON, and the numbers and pictures that it names.
+Read glTF 2.0 files, ``.gltf`` and ``.glb``: JSON, accessors, buffers and images.
 
 References
 ----------
@@ -30,6 +30,7 @@ from rasterjit.io.gltf.json_checks import (
     quote,
     require,
 )
+from rasterjit.io.load_warnings import LeftOut
 from rasterjit.io.resources import RefusedFileError, Resources
 
 GLB_MAGIC = b"glTF"
@@ -50,17 +51,17 @@ ENTRY_NAMES = {
 }  # fmt: skip
 """Names of the entries of a list of the header, for messages."""
 
-_JSON_BYTES = 24
-"""Memory of a byte of JSON as Python objects: an empty list, with its comma, takes 64 for three."""
+_MEMORY_PER_JSON_BYTE = 24
+"""Bytes of memory for a byte of JSON as Python objects: ``[],`` takes 64."""
 
-_NUMBER_BYTES = 24
-"""Memory of a component of an accessor: as it is read, as float64, and in the mesh."""
+_MEMORY_PER_COMPONENT = 24
+"""Bytes of memory for a component of an accessor: as it is read, as float64, and in the mesh."""
 
-_SPARSE_BYTES = 16
-"""Further memory of a row of a sparse accessor: its index as int64, and its check."""
+_MEMORY_PER_SPARSE_ROW = 16
+"""Further bytes of memory for a row of a sparse accessor: its index as int64, and its check."""
 
 MAX_IMPLICIT_ROWS = 1 << 26
-"""Most rows of an accessor without a buffer view: a damaged count takes no memory."""
+"""Most rows of an accessor without a buffer view, which limits the memory of a damaged count."""
 
 
 class GltfFile:
@@ -78,10 +79,10 @@ class GltfFile:
     header : dict
         The file's JSON.
     budget : MemoryBudget
-        Counts what is made of the file.
+        Counts the memory of what is read.
     decoder : Decoder
     required : frozenset of str
-        Extensions without which it makes no sense.
+        Extensions that the file requires.
 
     Raises
     ------
@@ -98,7 +99,7 @@ class GltfFile:
         self._overrides: Mapping[int, NDArray[Any]] = {}
         content = resources.read_mesh_file(path)
         text, self._chunk = _split_chunks(content)
-        self.budget.take("its JSON", len(text) * _JSON_BYTES)
+        self.budget.take("its JSON", len(text) * _MEMORY_PER_JSON_BYTE)
         try:
             self.header: dict[str, Any] = json.loads(text)
         except ValueError as error:
@@ -114,12 +115,12 @@ class GltfFile:
         version = str(asset.get("version", "2.0"))
         if version.split(".")[0] != "2":
             raise ValueError(f"it is of glTF {version[:MAX_VALUE_LENGTH]}, not 2.0")
-        least = str(asset.get("minVersion", "2.0"))
-        if least != "2.0":
-            raise ValueError(f"it needs a reader of glTF {least[:MAX_VALUE_LENGTH]}, not 2.0")
+        min_version = str(asset.get("minVersion", "2.0"))
+        if min_version != "2.0":
+            raise ValueError(f"it needs a reader of glTF {min_version[:MAX_VALUE_LENGTH]}, not 2.0")
         self.required = frozenset(map(str, get_list(self.header, "extensionsRequired")))
 
-    def entry(self, section: str, number: Any) -> dict[str, Any]:
+    def get_entry(self, section: str, number: Any) -> dict[str, Any]:
         """
         Return an entry of a list of the header.
 
@@ -138,16 +139,16 @@ class GltfFile:
             raise ValueError(f"{kind} {number} must be an object, got {quote(entries[number])}")
         return entries[number]
 
-    def array(self, number: Any) -> NDArray[Any]:
+    def read_array(self, number: Any) -> NDArray[Any]:
         """
-        Return what an accessor shows, (count, width); normalized whole numbers as float64.
+        Return the rows of an accessor, (count, width); normalized whole numbers as float64.
 
         Raises
         ------
         ValueError, TypeError, LookupError, OSError
             If the accessor is incomplete or points beyond the file.
         """
-        accessor = self.entry("accessors", number)
+        accessor = self.get_entry("accessors", number)
         try:
             return self._read_accessor(number, accessor)
         except RefusedFileError:
@@ -157,14 +158,15 @@ class GltfFile:
 
     def _read_accessor(self, number: int, accessor: dict[str, Any]) -> NDArray[Any]:
         """Return the rows of an accessor, or raise ``ValueError`` without its number."""
-        dtype, width = _component(accessor), WIDTHS[_get_enum(accessor, "type", tuple(WIDTHS))]
+        dtype = _get_component_type(accessor)
+        width = WIDTHS[_get_enum(accessor, "type", tuple(WIDTHS))]
         if number in self._overrides:
             return _convert_rows(accessor, self._overrides[number], dtype, width)
         count = get_integer(accessor, "count")
-        memory = f"accessor {number}", count * width * _NUMBER_BYTES
+        memory = f"accessor {number}", count * width * _MEMORY_PER_COMPONENT
         if "bufferView" in accessor:
-            # This takes nothing, and refuses a count that the buffer does not hold.
-            rows = self._rows(accessor, count, width, dtype)
+            # Without a copy; raises if the buffer does not hold so many rows.
+            rows = self._view_rows(accessor, count, width, dtype)
             self.budget.take(*memory)
         elif count <= MAX_IMPLICIT_ROWS:
             self.budget.take(*memory)
@@ -176,9 +178,24 @@ class GltfFile:
             changes = get_integer(sparse, "count")
             if changes > count:
                 raise ValueError(f"sparse: count must be at most {count}, got {changes}")
-            self.budget.take(f"sparse accessor {number}", changes * _SPARSE_BYTES)
+            self.budget.take(f"sparse accessor {number}", changes * _MEMORY_PER_SPARSE_ROW)
             rows = self._apply_sparse(rows, sparse, changes, dtype)
         return _convert_rows(accessor, rows, dtype, width)
+
+    def read_vertex_rows(
+        self, number: Any, count: int, widths: tuple[int, ...], label: str, left_out: LeftOut
+    ) -> NDArray[np.float64] | None:
+        """Return an accessor's rows as float64; None, with a note, if vertices cannot use them."""
+        with np.errstate(invalid="ignore"):
+            # A signalling NaN.
+            values = self.read_array(number).astype(np.float64)
+        if len(values) != count or values.shape[1] not in widths:
+            left_out.note(f"{label}, which does not fit the vertices")
+            return None
+        if not np.isfinite(values).all():
+            left_out.note(f"{label}, which has NaN or infinity")
+            return None
+        return values
 
     @contextmanager
     def override_accessors(self, overrides: Mapping[int, NDArray[Any]]) -> Iterator[None]:
@@ -198,22 +215,24 @@ class GltfFile:
     ) -> NDArray[Any]:
         """Return rows with the ``count`` replacements of a sparse accessor."""
         indices = get_object(sparse, "indices")
-        row_numbers = self._rows(indices, count, 1, _component(indices))[:, 0]
+        row_numbers = self._view_rows(indices, count, 1, _get_component_type(indices))[:, 0]
         wrong = row_numbers[~((row_numbers >= 0) & (row_numbers < len(rows)))]
         if len(wrong):
             raise ValueError(f"sparse indices must be below {len(rows)}, got {wrong[0]}")
         result = rows.copy()
-        values = self._rows(get_object(sparse, "values"), count, rows.shape[1], dtype)
+        values = self._view_rows(get_object(sparse, "values"), count, rows.shape[1], dtype)
         result[row_numbers.astype(np.int64)] = values
         return result
 
-    def _rows(self, entry: dict[str, Any], count: int, width: int, dtype: np.dtype) -> NDArray[Any]:
+    def _view_rows(
+        self, entry: dict[str, Any], count: int, width: int, dtype: np.dtype
+    ) -> NDArray[Any]:
         """Return rows of a buffer view, or raise ``ValueError`` if it does not hold them."""
         number = require(entry, "bufferView")
-        view = self.entry("bufferViews", number)
+        view = self.get_entry("bufferViews", number)
         stride, offset = get_integer(view, "byteStride", 0), get_integer(entry, "byteOffset", 0)
         stride = stride or width * dtype.itemsize
-        content = self._view(number)
+        content = self._get_view(number)
         end = offset + (count - 1) * stride + width * dtype.itemsize if count else offset
         if end > len(content):
             raise ValueError(
@@ -222,88 +241,90 @@ class GltfFile:
             )
         return np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize))
 
-    def view_bytes(self, number: Any) -> bytes:
+    def read_view(self, number: Any) -> bytes:
         """
-        Return the bytes of a buffer view, unpacked if they are compressed.
+        Return the bytes of a buffer view, decompressed if needed.
 
-        Where the file has them in plain as well and asks for no extension, those are taken.
+        Where the file has uncompressed bytes as well and does not require the extension, it returns
+        those.
 
         Raises
         ------
         ValueError, LookupError, OSError
             If they are damaged, or not there.
         """
-        return bytes(self._view(number))
+        return bytes(self._get_view(number))
 
-    def _view(self, number: Any) -> bytes | memoryview:
+    def _get_view(self, number: Any) -> bytes | memoryview:
         """Return the bytes of a buffer view, decompressed where needed, else without a copy."""
-        view = self.entry("bufferViews", number)
+        view = self.get_entry("bufferViews", number)
         extensions = get_object(view, "extensions")
         name = next((name for name in MESHOPT if name in extensions), None)
         if name is None or (name not in self.required and self._has_bytes(require(view, "buffer"))):
-            return self._stored_bytes(view)
+            return self._get_stored_bytes(view)
         if number not in self._unpacked_views:
             packed = get_object(extensions, name)
             count, size = get_integer(packed, "count"), get_integer(packed, "byteStride")
-            most = get_integer(view, "byteLength")
-            if count * size > most:
+            max_size = get_integer(view, "byteLength")
+            if count * size > max_size:
                 raise ValueError(
-                    f"{name}: {count} rows of {size} bytes must be no more than the {most} bytes "
-                    f"of buffer view {number}"
+                    f"{name}: {count} rows of {size} bytes must be no more than the {max_size} "
+                    f"bytes of buffer view {number}"
                 )
             self.budget.take(f"buffer view {number}", count * size)
-            stored = bytes(self._stored_bytes(packed))
+            stored = bytes(self._get_stored_bytes(packed))
             self._unpacked_views[number] = decode_meshopt(name, packed, stored, self.decoder)
         return self._unpacked_views[number]
 
-    def _stored_bytes(self, view: dict[str, Any]) -> memoryview:
+    def _get_stored_bytes(self, view: dict[str, Any]) -> memoryview:
         """Return the bytes of a buffer that an entry refers to, without a copy."""
         start, length = get_integer(view, "byteOffset", 0), get_integer(view, "byteLength")
         number = require(view, "buffer")
-        content = memoryview(self._buffer(number))[start : start + length]
+        content = memoryview(self._get_buffer(number))[start : start + length]
         if len(content) < length:
             raise ValueError(f"buffer {number} is cut short")
         return content
 
     def _has_bytes(self, number: Any) -> bool:
         """Tell whether a buffer has a URI or is the binary chunk."""
-        return "uri" in self.entry("buffers", number) or (number == 0 and self._chunk is not None)
+        buffer = self.get_entry("buffers", number)
+        return "uri" in buffer or (number == 0 and self._chunk is not None)
 
-    def _buffer(self, number: Any) -> bytes:
+    def _get_buffer(self, number: Any) -> bytes:
         """Return the bytes of a buffer, read on first use."""
-        buffer = self.entry("buffers", number)
+        buffer = self.get_entry("buffers", number)
         if number not in self._buffers:
             if "uri" in buffer:
-                self._buffers[number] = self._uri_bytes(buffer["uri"])
+                self._buffers[number] = self._read_uri(buffer["uri"])
             elif number == 0 and self._chunk is not None:
                 self._buffers[number] = self._chunk
             else:
                 raise ValueError(f"buffer {number} has no bytes")
         return self._buffers[number]
 
-    def image_bytes(self, number: Any) -> bytes:
+    def read_image(self, number: Any) -> bytes:
         """
-        Return the file of a picture.
+        Return the content of an image file.
 
         Raises
         ------
         ValueError, TypeError, LookupError, OSError
-            If there is none, or it lies elsewhere than beside this file.
+            If the image is missing, or may not be opened.
         """
-        image = self.entry("images", number)
+        image = self.get_entry("images", number)
         if "bufferView" in image:
-            return self.view_bytes(image["bufferView"])
-        return self._uri_bytes(image["uri"])
+            return self.read_view(image["bufferView"])
+        return self._read_uri(image["uri"])
 
-    def image_name(self, number: Any) -> str:
+    def describe_image(self, number: Any) -> str:
         """Return an image's number with its name or file, for messages."""
-        image = self.entry("images", number)
+        image = self.get_entry("images", number)
         uri = image.get("uri")
         file = uri if isinstance(uri, str) and not uri.startswith("data:") else None
         name = file or image.get("name")
         return f"image {number}" + (f", {str(name)[:80]!r}" if name else "")
 
-    def _uri_bytes(self, uri: Any) -> bytes:
+    def _read_uri(self, uri: Any) -> bytes:
         """Return the content of a data URI, or of a file beside this one."""
         if not isinstance(uri, str):
             raise ValueError(f"uri must be text, got {quote(uri)}")
@@ -322,7 +343,7 @@ def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
         return content, None
     if len(content) < _GLB_HEADER_BYTES:
         raise ValueError(f"it ends too early, after {len(content)} bytes")
-    _, version, whole, length, kind = struct.unpack_from("<4sIIII", content)
+    _, version, file_size, length, kind = struct.unpack_from("<4sIIII", content)
     if version != 2:
         raise ValueError(f"it is of glTF {version}, not 2.0")
     if kind != JSON_CHUNK:
@@ -330,7 +351,7 @@ def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
     end = _GLB_HEADER_BYTES + length
     if len(content) < end:
         raise ValueError(
-            f"it ends too early, in its JSON: it has {len(content)} of {max(whole, end)} bytes"
+            f"it ends too early, in its JSON: it has {len(content)} of {max(file_size, end)} bytes"
         )
     if len(content) < end + 8:
         return content[_GLB_HEADER_BYTES:end], None
@@ -339,7 +360,7 @@ def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
     return content[_GLB_HEADER_BYTES:end], binary
 
 
-def _component(accessor: dict[str, Any]) -> np.dtype:
+def _get_component_type(accessor: dict[str, Any]) -> np.dtype:
     """Return the component type of an accessor, or raise ``ValueError``."""
     return np.dtype(COMPONENTS[_get_enum(accessor, "componentType", tuple(COMPONENTS))])
 

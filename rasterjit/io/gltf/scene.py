@@ -1,5 +1,5 @@
 """
-Turn a glTF file into a scene: nodes, meshes, materials, cameras and lights, as it says.
+Convert a glTF file to a scene: nodes, meshes, materials, cameras and lights.
 
 Read from the file itself: trimesh drops lights, tangents, samplers and further sets of texture
 coordinates, and what hangs on the node of a camera.
@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.gltf.animations import AnimationReader, parent_from_node, trs_of
+from rasterjit.io.gltf.animations import AnimationReader, parent_from_node, read_trs
 from rasterjit.io.gltf.extensions import (
     INSTANCING,
     LIGHTS,
@@ -54,17 +54,17 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import product_of
 from rasterjit.scene.validation import brief
 
-NODE_BYTES = 4096
-"""Memory of a node of a scene."""
+MEMORY_PER_NODE = 4096
+"""Bytes of memory for a node of a scene."""
 
 _IDENTITY = np.eye(4).tolist()
 
 _TRS_WIDTHS = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}
 
 
-def instances_of(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]] | None:
+def read_instances(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]] | None:
     """
-    Return what nodes below a node would say of its instances; None if it has no such.
+    Return the transforms of a node's instances as entries of nodes; None without instances.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def instances_of(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]] |
     Returns
     -------
     list of dict, or None
-        Each with ``translation``, ``rotation`` and ``scale``, as far as the file has them.
+        Those of ``translation``, ``rotation`` and ``scale`` that the file has.
 
     Raises
     ------
@@ -86,7 +86,9 @@ def instances_of(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]] |
     if INSTANCING not in extensions:
         return None
     numbers = get_object(get_object(extensions, INSTANCING), "attributes")
-    rows = {name: file.array(number) for name, number in numbers.items() if name in _TRS_WIDTHS}
+    rows = {
+        name: file.read_array(number) for name, number in numbers.items() if name in _TRS_WIDTHS
+    }
     counts = {name: len(values) for name, values in rows.items()}
     if len(set(counts.values())) != 1:
         raise ValueError(f"attributes must be of one length, got {counts or 'none'}")
@@ -94,7 +96,7 @@ def instances_of(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]] |
         if values.shape[1] != _TRS_WIDTHS[name]:
             raise ValueError(f"{name} must be {_TRS_WIDTHS[name]} numbers, got {values.shape[1]}")
     count = next(iter(counts.values()))
-    file.budget.take("instances", count * NODE_BYTES)
+    file.budget.take("instances", count * MEMORY_PER_NODE)
     listed = {name.lower(): values.astype(np.float64).tolist() for name, values in rows.items()}
     return [{name: values[number] for name, values in listed.items()} for number in range(count)]
 
@@ -109,7 +111,7 @@ _HEADER_KEYS = {
 }  # fmt: skip
 """Keys of the header that the standard defines."""
 
-_ATTRIBUTE = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|(?:TEXCOORD|JOINTS|WEIGHTS)_\d+|_.*")
+_READ_ATTRIBUTE = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|(?:TEXCOORD|JOINTS|WEIGHTS)_\d+|_.*")
 """Names of vertex attributes that are read."""
 
 
@@ -134,7 +136,7 @@ def load_gltf(path: Path, resources: Resources, context: Context) -> Scene:
     except MeshFileError:
         raise
     except Exception as error:
-        # A damaged file can put anything in the place of anything.
+        # A damaged file may have a value of any type anywhere.
         reason = " ".join(str(error).split())[:300] or type(error).__name__
         kind = path.suffix.lower()
         raise MeshFileError(f"{path} could not be read as {kind}: {reason}") from error
@@ -153,8 +155,8 @@ class _GltfScene:
         self._note_unread()
         self._nodes: dict[int, Node] = {}
         """Nodes of the scene, by their numbers in the file."""
-        self._worlds: dict[int, tuple[list[list[float]], bool]] = {}
-        """Rows of ``world_from_node`` of cameras and lights; whether an animation moves them."""
+        self._world_transforms: dict[int, tuple[list[list[float]], bool]] = {}
+        """Rows of ``world_from_node`` by number, and whether an animation moves the node."""
         self._animations = AnimationReader(file, self._left_out)
         for file_node in walk_nodes(file.header):
             try:
@@ -196,8 +198,8 @@ class _GltfScene:
                 self._left_out.note(f"extension {name[:80]}", count)
         for key in header.keys() - _HEADER_KEYS:
             self._left_out.note(f"entry {brief(key)}")
-        for name in _attributes_of(header):
-            if not _ATTRIBUTE.fullmatch(name):
+        for name in _iterate_attribute_names(header):
+            if not _READ_ATTRIBUTE.fullmatch(name):
                 self._left_out.note(f"attribute {brief(name)}")
         default = header.get("scene", 0)
         for number, scene in enumerate(get_list(header, "scenes")):
@@ -208,43 +210,39 @@ class _GltfScene:
     def _add_node(self, file_node: FileNode) -> None:
         """Add the camera, light and meshes of a node."""
         if "camera" in file_node.entry:
-            self._add_camera(file_node.entry["camera"], self._world_of(file_node, "camera"))
+            world_from_node = self._compute_world_transform(file_node, "camera")
+            self._add_camera(file_node.entry["camera"], world_from_node)
         light = get_extension(file_node.entry, LIGHTS).get("light")
         if light is not None and not file_node.is_hidden:
-            self._add_light(light, self._world_of(file_node, "light"))
+            self._add_light(light, self._compute_world_transform(file_node, "light"))
         if "mesh" in file_node.entry and not file_node.is_hidden:
             self._add_meshes(file_node)
-        if (
-            file_node.number in self._animations.required_nodes
-            and file_node.number not in self._nodes
-        ):
-            self._group_of(file_node)
+        if file_node.number in self._animations.required_nodes:
+            self._get_group(file_node)
         if file_node.number in self._animations.animated_nodes and "matrix" not in file_node.entry:
-            self._nodes[file_node.number]._trs = trs_of(file_node.entry)
+            self._nodes[file_node.number]._trs = read_trs(file_node.entry)
 
-    def _world_of(self, file_node: FileNode, what: str) -> NDArray[np.float64]:
-        """
-        Return ``world_from_node``, the product from the topmost on, where something stands.
-
-        Note that what is no node does not move with one that an animation moves.
-        """
+    def _compute_world_transform(self, file_node: FileNode, kind: str) -> NDArray[np.float64]:
+        """Return ``world_from_node``; note if animations would move this camera or light."""
         missing: list[FileNode] = []
         parent: FileNode | None = file_node
-        while parent is not None and parent.number not in self._worlds:
+        while parent is not None and parent.number not in self._world_transforms:
             missing.append(parent)
             parent = parent.parent
-        rows, is_moved = (_IDENTITY, False) if parent is None else self._worlds[parent.number]
-        for one in reversed(missing):
-            rows = product_of(rows, one.parent_from_node)
-            is_moved = is_moved or one.number in self._animations.animated_nodes
-            self._worlds[one.number] = rows, is_moved
-        if is_moved:
-            self._left_out.note(f"movement of a {what}")
+        rows, is_animated = _IDENTITY, False
+        if parent is not None:
+            rows, is_animated = self._world_transforms[parent.number]
+        for node in reversed(missing):
+            rows = product_of(rows, node.parent_from_node)
+            is_animated = is_animated or node.number in self._animations.animated_nodes
+            self._world_transforms[node.number] = rows, is_animated
+        if is_animated:
+            self._left_out.note(f"movement of a {kind}")
         return np.array(rows)
 
     def _add_meshes(self, file_node: FileNode) -> None:
         """Add the mesh of a node, a node for each primitive, or its instances."""
-        instances = self._instances(file_node)
+        instances = self._try_read_instances(file_node)
         if instances is not None:
             self._add_instances(file_node, instances)
             return
@@ -254,7 +252,7 @@ class _GltfScene:
                 node = self.scene.add(mesh, None, label, parent=self._nodes[file_node.number])
                 self._animations.add_mesh_node(file_node.number, file_node.entry, node)
                 continue
-            parent = self._parent_group(file_node)
+            parent = self._get_parent_group(file_node)
             with self._name_node_in_errors(label):
                 node = self.scene.add(
                     mesh, np.array(file_node.parent_from_node), label, parent=parent
@@ -262,10 +260,10 @@ class _GltfScene:
             self._nodes[file_node.number] = node
             self._animations.add_mesh_node(file_node.number, file_node.entry, node)
 
-    def _instances(self, file_node: FileNode) -> list[list[list[float]]] | None:
+    def _try_read_instances(self, file_node: FileNode) -> list[list[list[float]]] | None:
         """Return the transforms of a node's instances; None, with a note, if they are damaged."""
         try:
-            entries = instances_of(self._file, file_node.entry)
+            entries = read_instances(self._file, file_node.entry)
             return None if entries is None else [parent_from_node(one) for one in entries]
         except (ValueError, LookupError) as error:
             self._left_out.note(f"{INSTANCING} of node {file_node.number}: {reason_of(error)}")
@@ -276,7 +274,7 @@ class _GltfScene:
         meshes = self._meshes.read(file_node.entry["mesh"])
         if not meshes or not instances:
             return
-        parent = self._parent_group(file_node)
+        parent = self._get_parent_group(file_node)
         with self._name_node_in_errors(file_node.name):
             group = Node(None, file_node.parent_from_node, file_node.name, parent=parent)
             if parent is None:
@@ -296,12 +294,12 @@ class _GltfScene:
         except ValueError as error:
             raise MeshFileError(f"{self._source}: node {node!r}: {error}") from error
 
-    def _parent_group(self, file_node: FileNode) -> Node | None:
-        """Return the parent of a node, made if it does not exist; None for a root."""
-        return None if file_node.parent is None else self._group_of(file_node.parent)
+    def _get_parent_group(self, file_node: FileNode) -> Node | None:
+        """Return the parent of a file's node, made if it does not exist; None for a root."""
+        return None if file_node.parent is None else self._get_group(file_node.parent)
 
-    def _group_of(self, file_node: FileNode) -> Node:
-        """Return the node of a node of the file, made with its ancestors if it does not exist."""
+    def _get_group(self, file_node: FileNode) -> Node:
+        """Return the scene's node of a file's node, made with its ancestors if it is missing."""
         if file_node.number in self._nodes:
             return self._nodes[file_node.number]
         missing = [file_node]
@@ -316,13 +314,13 @@ class _GltfScene:
         return self._nodes[missing[0].number]
 
     def _add_camera(self, number: Any, world_from_node: NDArray) -> None:
-        """Set the scene's camera to the first one, along its node's -z, unless its node mirrors."""
+        """Set the scene's camera, which looks along its node's -z; note further cameras."""
         if self.scene.camera is not None:
             self._left_out.note("further camera")
             return
         eye, ahead, up = world_from_node[:3, 3], -world_from_node[:3, 2], world_from_node[:3, 1]
         try:
-            camera = self._file.entry("cameras", number)
+            camera = self._file.get_entry("cameras", number)
             if mirrors(world_from_node):
                 raise ValueError("its node must not mirror, got a determinant below 0")
             kind = require(camera, "type")
@@ -355,7 +353,7 @@ class _GltfScene:
                 raise LookupError(f"the file has {len(lights)} lights")
             light = get_object({"it": lights[number]}, "it")
             kind, color = require(light, "type"), get_numbers(light, "color", (1.0, 1.0, 1.0))
-            intensity = _intensity(light) / math.pi
+            intensity = _read_intensity(light) / math.pi
             light_range = get_number(light, "range") if "range" in light else None
             if kind == "directional":
                 self.scene.lights.append(DirectionalLight(direction, color, intensity))
@@ -374,7 +372,7 @@ class _GltfScene:
             self._left_out.note(f"light {quote(number)}, which cannot be used: {reason_of(error)}")
 
 
-def _attributes_of(header: dict[str, Any]) -> Iterator[str]:
+def _iterate_attribute_names(header: dict[str, Any]) -> Iterator[str]:
     """Yield the attribute names of all primitives; damaged entries are skipped."""
     for mesh in get_list(header, "meshes"):
         primitives = mesh.get("primitives") if isinstance(mesh, dict) else None
@@ -403,7 +401,7 @@ def count_extensions(header: dict[str, Any]) -> dict[str, int]:
     return {**dict.fromkeys(map(str, declared), 1), **counts}
 
 
-def _intensity(light: dict[str, Any]) -> float:
+def _read_intensity(light: dict[str, Any]) -> float:
     """Return the intensity of a light, or raise ``ValueError``."""
     value = get_number(light, "intensity", 1.0)
     if value < 0.0:
@@ -417,7 +415,6 @@ class FileNode(NamedTuple):
     number: int
     entry: dict[str, Any]
     parent: FileNode | None
-    """Parent node."""
     parent_from_node: list[list[float]]
     """Rows of its local transform."""
     is_hidden: bool
@@ -443,12 +440,12 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
         number = get_integer(header, "scene", 0)
         if number >= len(scenes):
             raise ValueError(f"scene must be below {len(scenes)}, got {quote(number)}")
-        roots = _numbers_of_nodes({"its scene": scenes[number]}, "its scene", "nodes", nodes)
+        roots = _read_node_numbers({"its scene": scenes[number]}, "its scene", "nodes", nodes)
     else:
         # A file without scenes is shown whole.
         table = {f"node {number}": node for number, node in enumerate(nodes)}
         inner = {
-            child for name in table for child in _numbers_of_nodes(table, name, "children", nodes)
+            child for name in table for child in _read_node_numbers(table, name, "children", nodes)
         }
         roots = [number for number in range(len(nodes)) if number not in inner]
     pending: list[tuple[int, FileNode | None]] = [(number, None) for number in reversed(roots)]
@@ -460,7 +457,7 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
         visited.add(number)
         name = f"node {number}"
         node = get_object({name: nodes[number]}, name)
-        children = _numbers_of_nodes({name: node}, name, "children", nodes)
+        children = _read_node_numbers({name: node}, name, "children", nodes)
         try:
             rows = parent_from_node(node)
             flags = get_extension(node, VISIBILITY)
@@ -468,14 +465,14 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
         if parent is None:
-            # As those of all others that are products: none is below zero.
+            # No negative zeros, as in the products of other nodes.
             rows = [[value + 0.0 for value in row] for row in rows]
         file_node = FileNode(number, node, parent, rows, is_hidden)
         yield file_node
         pending += [(child, file_node) for child in reversed(children)]
 
 
-def _numbers_of_nodes(table: dict[str, Any], name: str, key: str, nodes: list[Any]) -> list[int]:
+def _read_node_numbers(table: dict[str, Any], name: str, key: str, nodes: list[Any]) -> list[int]:
     """Return the node numbers that an entry lists, or raise ``ValueError`` naming the entry."""
     entry = get_object(table, name)
     if key not in entry:

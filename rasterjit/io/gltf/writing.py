@@ -29,24 +29,24 @@ from rasterjit.io.gltf.extensions import (
     EXTENSION_TEXTURES,
     LIGHTS,
     VARIANTS,
-    variant_mappings,
+    make_variant_mappings,
     write_extensions,
 )
 from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
 from rasterjit.io.gltf.meshes_materials import (
     ALPHA_MODE_NAMES,
+    EMISSIVE_STRENGTH,
     LINEAR,
     LINES,
     NEAREST,
     POINTS,
-    STRENGTH,
-    TEXTURES,
+    TEXTURE_PROPERTIES,
     UNLIT,
     WRAPS,
 )
-from rasterjit.io.images import checked_path, quantize
+from rasterjit.io.images import check_save_path, quantize
 from rasterjit.io.load_warnings import SaveNotes
-from rasterjit.io.primitives import DEFAULT_POINT_SIZE, default_size
+from rasterjit.io.primitives import DEFAULT_POINT_SIZE, choose_point_size
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.decomposed_transform import compose_trs
 from rasterjit.scene.keyframes import VALUE_WIDTHS as CHANNEL_WIDTHS
@@ -62,7 +62,7 @@ from rasterjit.scene.skin import MorphTargets, Skin
 from rasterjit.scene.texture import Texture, flip_v
 from rasterjit.scene.validation import VectorLike
 
-FORMATS = (".glb", ".gltf")
+GLTF_SUFFIXES = (".glb", ".gltf")
 
 _ALIGNMENT = 4
 """Alignment of data in the buffer, bytes."""
@@ -84,10 +84,14 @@ _MAX_JOINTS = 1 << 16
 _SHEAR_TOLERANCE = 1e-6
 """Share of an animated node's transform that may be lost as translation, rotation and scale."""
 
-_MIPMAPPED = 9987
-"""OpenGL's number of trilinear minification."""
+_LINEAR_MIPMAP_LINEAR = 9987
+_FILTER_NUMBERS = {
+    "nearest": (NEAREST, NEAREST), "bilinear": (LINEAR, LINEAR),
+    "trilinear": (LINEAR, _LINEAR_MIPMAP_LINEAR),
+}  # fmt: skip
+"""OpenGL's numbers of magnification and minification, by the filter of a texture."""
 
-_TYPES = {width: kind for kind, width in WIDTHS.items() if width <= 4}
+_ACCESSOR_TYPES = {width: kind for kind, width in WIDTHS.items() if width <= 4}
 """Accessor types by their width."""
 
 _MAX_LENGTH_TRIALS, _LENGTH_STEP = 1024, 2.0**-20
@@ -126,9 +130,10 @@ def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
     SaveWarning
         Once, naming what the file has not or has otherwise.
     """
-    target = checked_path(path, FORMATS)
+    target = check_save_path(path, GLTF_SUFFIXES)
     writer = _Writer(scene)
-    content = writer.gltf() if target.suffix.lower() == ".gltf" else writer.glb()
+    is_text = target.suffix.lower() == ".gltf"
+    content = writer.encode_gltf() if is_text else writer.encode_glb()
     with atomic_file(target) as temporary:
         temporary.write_bytes(content)
     writer.notes.warn(str(target))
@@ -140,8 +145,8 @@ class _Writer:
     def __init__(self, scene: Scene) -> None:
         self.notes = SaveNotes("glTF")
         self._parts: list[bytes] = []
-        self._length = 0
-        self._lists: dict[str, list[dict[str, Any]]] = {}
+        self._buffer_size = 0
+        self._sections: dict[str, list[dict[str, Any]]] = {}
         self._extensions: list[str] = []
         self._lights: list[dict[str, Any]] = []
         self._variants = scene.variants
@@ -152,8 +157,8 @@ class _Writer:
         roots = self._add_nodes(scene)
         self._add_animations()
         for light in scene.lights:
-            roots += self._light(light)
-        roots += self._camera(scene.camera)
+            roots += self._add_light(light)
+        roots += self._add_camera(scene.camera)
         self._scene = {"nodes": roots}
         for name in EFFECT_FIELDS:
             if getattr(scene, name) is not None:
@@ -161,14 +166,14 @@ class _Writer:
         if scene.variant is not None:
             self.notes.note(f"the choice of the variant {scene.variant!r}")
 
-    def header(self, **buffer: Any) -> dict[str, Any]:
-        """Return the JSON header, given further fields of its buffer."""
+    def _make_header(self, **buffer: Any) -> dict[str, Any]:
+        """Return the JSON header; ``buffer``: further fields of its buffer."""
         header: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": "RasterJIT"},
             "scene": 0,
             "scenes": [self._scene],
-            **self._lists,
-            "buffers": [{"byteLength": self._length, **buffer}],
+            **self._sections,
+            "buffers": [{"byteLength": self._buffer_size, **buffer}],
         }
         if self._variants:
             self._declare_extension(VARIANTS)
@@ -180,14 +185,15 @@ class _Writer:
             header["extensionsUsed"] = self._extensions
         return header
 
-    def gltf(self) -> bytes:
+    def encode_gltf(self) -> bytes:
         """Return the content of a .gltf file with its buffer as a data URI."""
         content = base64.b64encode(b"".join(self._parts)).decode("ascii")
-        return _json(self.header(uri=f"data:application/octet-stream;base64,{content}"))
+        uri = f"data:application/octet-stream;base64,{content}"
+        return _encode_json(self._make_header(uri=uri))
 
-    def glb(self) -> bytes:
+    def encode_glb(self) -> bytes:
         """Return the content of a .glb file."""
-        text, content = _padded(_json(self.header()), b" "), b"".join(self._parts)
+        text, content = _pad(_encode_json(self._make_header()), b" "), b"".join(self._parts)
         chunks = b"".join(
             struct.pack("<II", len(data), kind) + data
             for data, kind in ((text, JSON_CHUNK), (content, BINARY_CHUNK))
@@ -196,7 +202,7 @@ class _Writer:
 
     def _append(self, section: str, entry: dict[str, Any]) -> int:
         """Append an entry to a list of the header; return its number."""
-        entries = self._lists.setdefault(section, [])
+        entries = self._sections.setdefault(section, [])
         entries.append(entry)
         return len(entries) - 1
 
@@ -211,39 +217,44 @@ class _Writer:
         if extension not in self._extensions:
             self._extensions.append(extension)
 
-    def _view(self, content: bytes, **fields: Any) -> int:
+    def _add_view(self, content: bytes, **fields: Any) -> int:
         """Append bytes to the buffer; return the number of their buffer view."""
-        entry = {"buffer": 0, "byteOffset": self._length, "byteLength": len(content), **fields}
-        self._parts.append(_padded(content, b"\0"))
-        self._length += len(self._parts[-1])
+        entry = {"buffer": 0, "byteOffset": self._buffer_size, "byteLength": len(content), **fields}
+        self._parts.append(_pad(content, b"\0"))
+        self._buffer_size += len(self._parts[-1])
         return self._append("bufferViews", entry)
 
-    def _accessor(
-        self, rows: NDArray[Any], kind: str, component: int, target: int | None = _VERTICES,
-        **fields: Any,
+    def _add_accessor(
+        self, rows: NDArray[Any], element_type: str, component: int,
+        target: int | None = _VERTICES, **fields: Any,
     ) -> int:  # fmt: skip
         """Append rows of numbers; return the number of their accessor."""
         content = np.ascontiguousarray(rows, _DTYPES[component])
-        view = self._view(content.tobytes(), **({} if target is None else {"target": target}))
+        view = self._add_view(content.tobytes(), **({} if target is None else {"target": target}))
         entry = {"bufferView": view, "componentType": component, "count": len(content)}
-        return self._append("accessors", {**entry, "type": kind, **fields})
+        return self._append("accessors", {**entry, "type": element_type, **fields})
+
+    def _add_bounded_vectors(self, vectors: NDArray[np.float32]) -> int:
+        """Append vectors, (N, 3), with their bounds; return the number of their accessor."""
+        bounds = {"min": vectors.min(axis=0).tolist(), "max": vectors.max(axis=0).tolist()}
+        return self._add_accessor(vectors, "VEC3", _FLOAT, **bounds)
 
     def _add_nodes(self, scene: Scene) -> list[int]:
         """Append all nodes, parents before their children; return the roots."""
         mesh_nodes, order = set(map(id, scene.nodes)), []
         animated = {id(one.node) for every in self._animations for one in every.channels}
         numbers: dict[int, int] = {}
-        self._numbers = numbers
-        every_node = list(scene._all_nodes())
+        self._node_numbers = numbers
+        nodes = list(scene._all_nodes())
         skinned: list[tuple[dict[str, Any], Skin]] = []
-        for node in every_node:
+        for node in nodes:
             entry: dict[str, Any] = {"name": str(node.name)}
             if id(node) in animated:
-                entry.update(self._transform_entry(node))
+                entry.update(self._make_transform_entry(node))
             elif not np.array_equal(node.transform, np.eye(4)):
-                entry["matrix"] = _columns(node.transform)
+                entry["matrix"] = _flatten_columns(node.transform)
             if id(node) in mesh_nodes and node.mesh is not None:
-                entry["mesh"] = self._mesh(node)
+                entry["mesh"] = self._add_mesh(node)
                 order.append(node)
                 if node.skin is not None:
                     skinned.append((entry, node.skin))
@@ -253,15 +264,15 @@ class _Writer:
                 self.notes.note("labels")
             numbers[id(node)] = number = self._append("nodes", entry)
             if node.parent is not None:
-                above = self._lists["nodes"][numbers[id(node.parent)]]
-                above.setdefault("children", []).append(number)
+                parent_entry = self._sections["nodes"][numbers[id(node.parent)]]
+                parent_entry.setdefault("children", []).append(number)
         if any(one is not other for one, other in zip(order, scene.nodes, strict=False)):
             self.notes.note("order of the objects, which is that of the tree")
         for entry, skin in skinned:
-            entry["skin"] = self._skin(skin)
-        return [numbers[id(node)] for node in every_node if node.parent is None]
+            entry["skin"] = self._add_skin(skin)
+        return [numbers[id(node)] for node in nodes if node.parent is None]
 
-    def _transform_entry(self, node: Node) -> dict[str, Any]:
+    def _make_transform_entry(self, node: Node) -> dict[str, Any]:
         """Return the transform of an animated node, which must not be a matrix."""
         trs, entry = node.trs, {}
         difference = np.abs(compose_trs(trs) - node.transform).max()
@@ -275,7 +286,7 @@ class _Writer:
             entry["scale"] = list(trs.scale)
         return entry
 
-    def _skin(self, skin: Skin) -> int:
+    def _add_skin(self, skin: Skin) -> int:
         """Append a skin, once for all nodes that share it; return its number."""
         key = "skin", id(skin)
         if key in self._cache:
@@ -285,8 +296,8 @@ class _Writer:
         if not np.isfinite(columns).all():
             raise ValueError(f"{skin!r} must have inverse_binds that fit float32 to be saved")
         entry: dict[str, Any] = {
-            "joints": [self._numbers[id(joint)] for joint in skin.joints],
-            "inverseBindMatrices": self._accessor(columns, "MAT4", _FLOAT, None),
+            "joints": [self._node_numbers[id(joint)] for joint in skin.joints],
+            "inverseBindMatrices": self._add_accessor(columns, "MAT4", _FLOAT, None),
         }
         if skin.name:
             entry["name"] = str(skin.name)
@@ -300,28 +311,30 @@ class _Writer:
             for one in animation.channels:
                 with np.errstate(over="ignore"):
                     times, values = one.times.astype(np.float32), one.values.astype(np.float32)
-                what = f"{one.path} of {one.node.name!r} in animation {animation.name!r}"
+                label = f"{one.path} of {one.node.name!r} in animation {animation.name!r}"
                 if not (np.diff(times) > 0.0).all() or not np.isfinite(values).all():
-                    self.notes.note(f"{what}, whose keys float32 has not")
+                    self.notes.note(f"{label}, whose keys float32 has not")
                     continue
                 width = CHANNEL_WIDTHS.get(one.path, 1)
                 bounds = {"min": [float(times[0])], "max": [float(times[-1])]}
                 samplers.append(
                     {
-                        "input": self._accessor(times, "SCALAR", _FLOAT, None, **bounds),
-                        "output": self._accessor(
-                            values.reshape(-1, width), _TYPES[width], _FLOAT, None
+                        "input": self._add_accessor(times, "SCALAR", _FLOAT, None, **bounds),
+                        "output": self._add_accessor(
+                            values.reshape(-1, width), _ACCESSOR_TYPES[width], _FLOAT, None
                         ),
                         "interpolation": one.interpolation,
                     }
                 )
-                target = {"node": self._numbers[id(one.node)], "path": one.path}
+                target = {"node": self._node_numbers[id(one.node)], "path": one.path}
                 channels.append({"sampler": len(samplers) - 1, "target": target})
             if channels:
                 entry = {"name": str(animation.name), "channels": channels, "samplers": samplers}
                 self._append("animations", entry)
 
-    def _joints(self, mesh: Mesh, rows: NDArray[Any] | slice, attributes: dict[str, int]) -> None:
+    def _add_joints(
+        self, mesh: Mesh, rows: NDArray[Any] | slice, attributes: dict[str, int]
+    ) -> None:
         """Append the joints and weights of vertices, four in each attribute."""
         if mesh.joints is None or mesh.weights is None:
             return
@@ -333,18 +346,20 @@ class _Writer:
         joints, weights = (np.pad(one[rows], missing) for one in (mesh.joints, mesh.weights))
         for number in range(count // _JOINTS_PER_SET):
             columns = slice(number * _JOINTS_PER_SET, (number + 1) * _JOINTS_PER_SET)
-            attributes[f"JOINTS_{number}"] = self._accessor(joints[:, columns], "VEC4", _SHORT)
-            attributes[f"WEIGHTS_{number}"] = self._accessor(weights[:, columns], "VEC4", _FLOAT)
+            attributes[f"JOINTS_{number}"] = self._add_accessor(joints[:, columns], "VEC4", _SHORT)
+            attributes[f"WEIGHTS_{number}"] = self._add_accessor(
+                weights[:, columns], "VEC4", _FLOAT
+            )
 
-    def _targets(
+    def _add_targets(
         self, node: Node, targets: MorphTargets, rows: NDArray[Any] | slice
     ) -> list[dict[str, int]]:
         """Append morph targets; return the entries of their primitive."""
         entries: list[dict[str, int]] = [{} for _ in range(len(targets))]
-        kinds = {
+        offsets_by_name = {
             "POSITION": targets.positions, "NORMAL": targets.normals, "TANGENT": targets.tangents,
         }  # fmt: skip
-        for name, values in kinds.items():
+        for name, values in offsets_by_name.items():
             for entry, offsets in zip(entries, () if values is None else values, strict=False):
                 with np.errstate(over="ignore"):
                     stored = offsets[rows].astype(np.float32)
@@ -352,28 +367,27 @@ class _Writer:
                     raise ValueError(
                         f"the morph targets of {node.name!r} must fit float32 to be saved"
                     )
-                bounds = {}
                 if name == "POSITION":
-                    lower, upper = stored.min(axis=0), stored.max(axis=0)
-                    bounds = {"min": lower.tolist(), "max": upper.tolist()}
-                entry[name] = self._accessor(stored, "VEC3", _FLOAT, **bounds)
+                    entry[name] = self._add_bounded_vectors(stored)
+                else:
+                    entry[name] = self._add_accessor(stored, "VEC3", _FLOAT)
         return entries
 
-    def _mesh(self, node: Node) -> int:
+    def _add_mesh(self, node: Node) -> int:
         """Append a node's mesh, once for all nodes that share it; return its number."""
         mesh = node.mesh
         key = "mesh", id(mesh)
         if key in self._cache:
             return self._cache[key]
         if isinstance(mesh, Points):
-            return self._append_once(key, "meshes", {"primitives": [self._points(node, mesh)]})
+            return self._append_once(key, "meshes", {"primitives": [self._add_points(node, mesh)]})
         if mesh.invalid_vertices:
             raise ValueError(
                 f"the mesh of {node.name!r} must have finite vertices to be saved, got "
                 f"{mesh.invalid_vertices} with NaN or infinity"
             )
         if isinstance(mesh, Lines):
-            return self._append_once(key, "meshes", {"primitives": [self._lines(node, mesh)]})
+            return self._append_once(key, "meshes", {"primitives": [self._add_lines(node, mesh)]})
         corners: NDArray[np.integer] = mesh.faces.ravel()
         colors: NDArray[np.float32] | None
         # glTF colours vertices alone: with colours by face, each face gets its own.
@@ -384,29 +398,30 @@ class _Writer:
             colors = mesh.shown_vertex_colors()
         if mesh.field is not None:
             self.notes.note("scalars, but for their colours")
-        attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
-        normals = stable_normals(mesh.vertex_normals()[rows])[0]
-        attributes["NORMAL"] = self._accessor(normals, "VEC3", _FLOAT)
+        attributes = {"POSITION": self._add_positions(node, mesh.vertices[rows])}
+        normals = stabilize_normals(mesh.vertex_normals()[rows])[0]
+        attributes["NORMAL"] = self._add_accessor(normals, "VEC3", _FLOAT)
         if mesh.tangents is not None:
             tangents = mesh.tangents[rows].copy()
-            tangents[:, :3] = stable_normals(tangents[:, :3])[0]
-            attributes["TANGENT"] = self._accessor(tangents, "VEC4", _FLOAT)
+            tangents[:, :3] = stabilize_normals(tangents[:, :3])[0]
+            attributes["TANGENT"] = self._add_accessor(tangents, "VEC4", _FLOAT)
         for number, uv in enumerate(mesh.uv_sets):
             if uv is not None:
-                values = self._coordinates(uv[rows])
-                attributes[f"TEXCOORD_{number}"] = self._accessor(values, "VEC2", _FLOAT)
+                attributes[f"TEXCOORD_{number}"] = self._add_accessor(
+                    _flip_v_axis(uv[rows]), "VEC2", _FLOAT
+                )
         if colors is not None:
-            attributes["COLOR_0"] = self._accessor(colors, "VEC4", _FLOAT)
-        self._add_custom(mesh, rows, attributes)
-        self._joints(mesh, rows, attributes)
+            attributes["COLOR_0"] = self._add_accessor(colors, "VEC4", _FLOAT)
+        self._add_custom_attributes(mesh, rows, attributes)
+        self._add_joints(mesh, rows, attributes)
         primitive: dict[str, Any] = {
             "attributes": attributes,
-            "indices": self._accessor(corners, "SCALAR", _UINT, _CORNERS),
+            "indices": self._add_accessor(corners, "SCALAR", _UINT, _CORNERS),
         }
         morph_fields: dict[str, Any] = {}
         targets = mesh.morph_targets
         if targets is not None:
-            primitive["targets"] = self._targets(node, targets, rows)
+            primitive["targets"] = self._add_targets(node, targets, rows)
             if targets.weights is not None:
                 morph_fields["weights"] = targets.weights.tolist()
             if targets.names:
@@ -414,46 +429,46 @@ class _Writer:
         if (targets is not None or mesh.joints is not None) and mesh._derives_normals:
             self.notes.note("normals that are made anew for each pose, but for those at rest")
         if mesh.default_material != DefaultMaterial():
-            primitive["material"] = self._material(mesh.default_material, colors is not None)
+            primitive["material"] = self._add_material(mesh.default_material, colors is not None)
         if mesh.variants:
             numbers = {
-                name: self._material(material, colors is not None)
+                name: self._add_material(material, colors is not None)
                 for name, material in mesh.variants.items()
             }
-            mappings = variant_mappings(numbers, self._variants)
+            mappings = make_variant_mappings(numbers, self._variants)
             primitive["extensions"] = {VARIANTS: mappings}
         return self._append_once(key, "meshes", {"primitives": [primitive], **morph_fields})
 
-    def _add_custom(
+    def _add_custom_attributes(
         self, mesh: Mesh, rows: NDArray[Any] | slice, attributes: dict[str, int]
     ) -> None:
         """Append the custom attributes of vertices or points."""
-        of_rows = mesh.attributes if isinstance(mesh, Points) else mesh.vertex_attributes
-        for name, values in of_rows.items():
-            if values.shape[1] in _TYPES:
-                kind = _TYPES[values.shape[1]]
-                attributes[f"_{name}"] = self._accessor(values[rows], kind, _FLOAT)
+        values_by_name = mesh.attributes if isinstance(mesh, Points) else mesh.vertex_attributes
+        for name, values in values_by_name.items():
+            element_type = _ACCESSOR_TYPES.get(values.shape[1])
+            if element_type is not None:
+                attributes[f"_{name}"] = self._add_accessor(values[rows], element_type, _FLOAT)
             else:
                 self.notes.note(f"attribute {name!r} of more than 4 numbers")
         for name in () if isinstance(mesh, Points) else mesh.face_attributes:
             self.notes.note(f"attribute {name!r} of faces")
 
-    def _points(self, node: Node, mesh: Points) -> dict[str, Any]:
+    def _add_points(self, node: Node, mesh: Points) -> dict[str, Any]:
         """Append the finite points; return their primitive."""
         rows = np.isfinite(mesh.vertices).all(axis=1)
         if mesh.invalid_vertices:
             self.notes.note("points that are NaN or infinite")
-        most = max(DEFAULT_POINT_SIZE, default_size(len(mesh)))
-        if mesh.shape != "square" or mesh.unit != "pixel" or (mesh.sizes > most).any():
+        max_size = max(DEFAULT_POINT_SIZE, choose_point_size(len(mesh)))
+        if mesh.shape != "square" or mesh.unit != "pixel" or (mesh.sizes > max_size).any():
             self.notes.note("sizes and shapes of points")
-        attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
+        attributes = {"POSITION": self._add_positions(node, mesh.vertices[rows])}
         if mesh.normals is not None:
-            attributes["NORMAL"] = self._accessor(
-                stable_normals(mesh.normals[rows])[0], "VEC3", _FLOAT
+            attributes["NORMAL"] = self._add_accessor(
+                stabilize_normals(mesh.normals[rows])[0], "VEC3", _FLOAT
             )
-        return self._points_or_lines(mesh, POINTS, rows, mesh.colors, attributes)
+        return self._add_points_or_lines(mesh, POINTS, rows, mesh.colors, attributes)
 
-    def _lines(self, node: Node, mesh: Lines) -> dict[str, Any]:
+    def _add_lines(self, node: Node, mesh: Lines) -> dict[str, Any]:
         """Append segments, with points of their own if segments have colours."""
         ends, colors = mesh.segments.ravel(), mesh.shown_vertex_colors()
         rows: Any = slice(None)
@@ -462,14 +477,14 @@ class _Writer:
         if mesh.face_colors is not None:
             rows, colors = ends, np.repeat(mesh.face_colors, 2, axis=0)
             ends = np.arange(len(ends), dtype=ends.dtype)
-        attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
+        attributes = {"POSITION": self._add_positions(node, mesh.vertices[rows])}
         if mesh.face_colors is None and colors is not None:
             colors = colors[rows]
-        primitive = self._points_or_lines(mesh, LINES, rows, colors, attributes)
-        primitive["indices"] = self._accessor(ends, "SCALAR", _UINT, _CORNERS)
+        primitive = self._add_points_or_lines(mesh, LINES, rows, colors, attributes)
+        primitive["indices"] = self._add_accessor(ends, "SCALAR", _UINT, _CORNERS)
         return primitive
 
-    def _points_or_lines(
+    def _add_points_or_lines(
         self, mesh: Mesh, mode: int, rows: Any, colors: NDArray[np.float32] | None,
         attributes: dict[str, int],
     ) -> dict[str, Any]:  # fmt: skip
@@ -478,16 +493,16 @@ class _Writer:
             self.notes.note("scalars, but for their colours")
         if colors is not None:
             row_colors = colors[rows] if mode == POINTS else colors
-            attributes["COLOR_0"] = self._accessor(row_colors, "VEC4", _FLOAT)
-        self._add_custom(mesh, rows, attributes)
+            attributes["COLOR_0"] = self._add_accessor(row_colors, "VEC4", _FLOAT)
+        self._add_custom_attributes(mesh, rows, attributes)
         primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
         if mesh.default_material != DefaultMaterial():
-            primitive["material"] = self._material(mesh.default_material, colors is not None)
+            primitive["material"] = self._add_material(mesh.default_material, colors is not None)
         if mesh.variants:
             self.notes.note("variants of points and lines")
         return primitive
 
-    def _positions(self, node: Node, vertices: NDArray[np.float64]) -> int:
+    def _add_positions(self, node: Node, vertices: NDArray[np.float64]) -> int:
         """Append positions with their bounds; return the number of their accessor."""
         with np.errstate(over="ignore", under="ignore"):
             stored = vertices.astype(np.float32)
@@ -502,16 +517,9 @@ class _Writer:
                 f"positions of {node.name!r}, by {error:.2g}: so far from the origin float32 has "
                 "no finer ones"
             )
-        bounds = {"min": stored.min(axis=0).tolist(), "max": stored.max(axis=0).tolist()}
-        return self._accessor(stored, "VEC3", _FLOAT, **bounds)
+        return self._add_bounded_vectors(stored)
 
-    def _coordinates(self, uv: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return texture coordinates with v downwards."""
-        exact = uv.astype(np.float64)
-        stored = np.column_stack([uv[:, 0], 1.0 - exact[:, 1]]).astype(np.float32)
-        return stored
-
-    def _material(self, material: Material, has_colors: bool) -> int:
+    def _add_material(self, material: Material, has_colors: bool) -> int:
         """Append a material; return its number."""
         color = material.base_color_over(has_colors)
         key = "material", id(material), color
@@ -530,7 +538,7 @@ class _Writer:
         if material.double_sided:
             entry["doubleSided"] = True
         is_unlit = material.shading == "unlit"
-        core["metallicFactor"], core["roughnessFactor"] = _metallic_roughness(material)
+        core["metallicFactor"], core["roughnessFactor"] = _convert_metallic_roughness(material)
         if is_unlit:
             self._declare_extension(UNLIT)
             entry["extensions"] = {UNLIT: {}}
@@ -539,26 +547,26 @@ class _Writer:
         elif material.shading != "pbr" and not _has_default_highlights(material):
             self.notes.note(f"{material.shading} shading, which becomes metallic-roughness as wide")
         if not is_unlit:
-            self._emission(material, entry)
-        self._textures(material, entry, core, is_unlit)
+            self._set_emission(material, entry)
+        self._set_textures(material, entry, core, is_unlit)
         return self._append_once(key, "materials", entry)
 
-    def _emission(self, material: Material, entry: dict[str, Any]) -> None:
+    def _set_emission(self, material: Material, entry: dict[str, Any]) -> None:
         """Set the emissive factor and strength of a material's entry."""
         strength = max(material.emissive)
         if strength <= 0.0:
             return
         if strength > 1.0:
-            self._declare_extension(STRENGTH)
-            entry.setdefault("extensions", {})[STRENGTH] = {"emissiveStrength": strength}
+            self._declare_extension(EMISSIVE_STRENGTH)
+            entry.setdefault("extensions", {})[EMISSIVE_STRENGTH] = {"emissiveStrength": strength}
         entry["emissiveFactor"] = [part / max(strength, 1.0) for part in material.emissive]
 
-    def _textures(
+    def _set_textures(
         self, material: Material, entry: dict[str, Any], core: dict[str, Any], is_unlit: bool
     ) -> None:
         """Set the textures and extensions of a material's entry."""
-        first, infos = True, {}
-        for field, (key, color_space) in (TEXTURES | EXTENSION_TEXTURES).items():
+        is_first, infos = True, {}
+        for field, (key, color_space) in (TEXTURE_PROPERTIES | EXTENSION_TEXTURES).items():
             texture = getattr(material, field)
             if texture is None:
                 continue
@@ -568,31 +576,35 @@ class _Writer:
                 if texture in material.textures_read():
                     self.notes.note(f"{field} of unlit materials")
                 continue
-            texture_info = self._texture(texture, color_space, field)
-            if first and texture.uv_set:
+            texture_info = self._add_texture(texture, color_space, field)
+            if is_first and texture.uv_set:
                 self.notes.note("uv before uv1, which the first texture reads")
-            first = False
+            is_first = False
             if field == "normal_texture":
                 texture_info["scale"] = material.normal_scale
             elif field == "occlusion_texture":
                 texture_info["strength"] = material.occlusion_strength
-            inside = field in ("base_color_texture", "metallic_roughness_texture")
             if field in EXTENSION_TEXTURES:
                 infos[field] = texture_info
+            elif field in ("base_color_texture", "metallic_roughness_texture"):
+                core[key] = texture_info
             else:
-                (core if inside else entry)[key] = texture_info
+                entry[key] = texture_info
         if material.shading != "pbr":
             return
         for name, extension in write_extensions(material, infos).items():
             self._declare_extension(name)
             entry.setdefault("extensions", {})[name] = extension
 
-    def _texture(self, texture: Texture, color_space: str, field: str) -> dict[str, Any]:
+    def _add_texture(self, texture: Texture, color_space: str, field: str) -> dict[str, Any]:
         """Append a texture with its image and sampler; return its entry in the material."""
         number = self._append_once(
             ("texture", id(texture.pyramid), color_space, texture.wrap, texture.filter),
             "textures",
-            {"source": self._picture(texture, color_space), "sampler": self._sampler(texture)},
+            {
+                "source": self._add_image(texture, color_space),
+                "sampler": self._add_sampler(texture),
+            },
         )
         texture_info: dict[str, Any] = {"index": number}
         if texture.uv_set:
@@ -601,7 +613,7 @@ class _Writer:
             self.notes.note(f"anisotropy of a {field}")
         if texture.transform is not None:
             self._declare_extension(_TRANSFORM)
-            # The other way round about, what turns v over turns it back.
+            # Flipping v once more undoes the flip of reading.
             offset, _, factors = flip_v(texture.offset, -texture.rotation, texture.scale)
             texture_info["extensions"] = {
                 _TRANSFORM: {
@@ -612,7 +624,7 @@ class _Writer:
             }
         return texture_info
 
-    def _picture(self, texture: Texture, color_space: str) -> int:
+    def _add_image(self, texture: Texture, color_space: str) -> int:
         """Append the image of a texture as a PNG file of 8 bits; return its number."""
         key = "image", id(texture.pyramid), color_space
         if key not in self._cache:
@@ -625,27 +637,25 @@ class _Writer:
                 codes = np.ascontiguousarray(codes[:, :, :3])
             file = io.BytesIO()
             Image.fromarray(codes).save(file, "PNG")
-            view = self._view(file.getvalue())
+            view = self._add_view(file.getvalue())
             self._append_once(key, "images", {"bufferView": view, "mimeType": "image/png"})
         return self._cache[key]
 
-    def _sampler(self, texture: Texture) -> int:
+    def _add_sampler(self, texture: Texture) -> int:
         """Append a sampler; return its number."""
-        across, up = (_WRAP_NUMBERS[name] for name in texture.wrap)
-        nearest, smooth = (NEAREST, NEAREST), (LINEAR, LINEAR)
-        filters = {"nearest": nearest, "bilinear": smooth, "trilinear": (LINEAR, _MIPMAPPED)}
-        magnified, minified = filters[texture.filter]
-        entry = {"magFilter": magnified, "minFilter": minified, "wrapS": across, "wrapT": up}
+        wrap_s, wrap_t = (_WRAP_NUMBERS[name] for name in texture.wrap)
+        mag_filter, min_filter = _FILTER_NUMBERS[texture.filter]
+        entry = {"magFilter": mag_filter, "minFilter": min_filter, "wrapS": wrap_s, "wrapT": wrap_t}
         return self._append_once(("sampler", *entry.values()), "samplers", entry)
 
-    def _light(self, light: Light) -> list[int]:
+    def _add_light(self, light: Light) -> list[int]:
         """Append a light and its node; return the node, or [] if glTF has no such light."""
         if isinstance(light, AmbientLight):
             self.notes.note(type(light).__name__)
             return []
         if light.shadow is not None:
             self.notes.note(f"shadow of a {type(light).__name__}")
-        # As reading divides by it: a white surface sends back 1/pi of what falls on it.
+        # The inverse of reading: a white surface of glTF sends back 1/pi of what falls on it.
         entry: dict[str, Any] = {"color": list(light.color), "intensity": light.intensity * math.pi}
         position: VectorLike = (0.0, 0.0, 0.0)
         direction: VectorLike = (0.0, 0.0, -1.0)
@@ -666,12 +676,12 @@ class _Writer:
         self._declare_extension(LIGHTS)
         self._lights.append(entry)
         node = {
-            "matrix": _columns(look_along(position, direction)),
+            "matrix": _flatten_columns(make_look_along(position, direction)),
             "extensions": {LIGHTS: {"light": len(self._lights) - 1}},
         }
         return [self._append("nodes", node)]
 
-    def _camera(self, camera: Any) -> list[int]:
+    def _add_camera(self, camera: Any) -> list[int]:
         """Append the camera and its node; return the node, or [] without a camera."""
         if camera is None:
             return []
@@ -679,7 +689,7 @@ class _Writer:
             kind, lens = "perspective", {"yfov": math.radians(camera.fov_y)}
             near, far = camera.depth_coefficients()[0], camera.far
         elif isinstance(camera, OrthographicCamera) and camera.near >= 0.0:
-            # The width is that of the picture; a file has to have one.
+            # The picture's shape decides the width, but a file must have one.
             kind, lens = "orthographic", {"ymag": camera.height / 2.0, "xmag": camera.height / 2.0}
             near, far = camera.view_depth([0.0, -1.0]).tolist()
         else:
@@ -697,7 +707,12 @@ class _Writer:
         matrix[:3, :3] = camera.view_matrix()[:3, :3].T
         matrix[:3, 3] = camera.eye
         number = self._append("cameras", {"type": kind, kind: lens})
-        return [self._append("nodes", {"camera": number, "matrix": _columns(matrix)})]
+        return [self._append("nodes", {"camera": number, "matrix": _flatten_columns(matrix)})]
+
+
+def _flip_v_axis(uv: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return texture coordinates with v downwards, as glTF has it."""
+    return np.column_stack([uv[:, 0], 1.0 - uv[:, 1].astype(np.float64)]).astype(np.float32)
 
 
 def _has_default_highlights(material: Material) -> bool:
@@ -709,7 +724,7 @@ def _has_default_highlights(material: Material) -> bool:
     )
 
 
-def _metallic_roughness(material: Material) -> tuple[float, float]:
+def _convert_metallic_roughness(material: Material) -> tuple[float, float]:
     """
     Return metallic and roughness of a material.
 
@@ -723,12 +738,13 @@ def _metallic_roughness(material: Material) -> tuple[float, float]:
     return 0.0, math.sqrt(math.sqrt(2.0 / (material.shininess + 2.0)))
 
 
-def stable_normals(normals: NDArray[np.float32]) -> tuple[NDArray[np.float32], int]:
+def stabilize_normals(normals: NDArray[np.float32]) -> tuple[NDArray[np.float32], int]:
     """
-    Return normals that are the given ones when they have been brought to unit length again.
+    Return normals of slightly other length that give exactly the same normals once normalized.
 
-    Those rounded to float32 are not of unit length to the last bit, and one in a hundred would
-    change. Of slightly other length it is rounded in other places, mostly so that it does not.
+    Normals rounded to float32 are not of unit length to the last bit, and normalizing them again
+    changes one in a hundred. Scaled a little, that one is rounded otherwise, and mostly is not
+    changed.
 
     Parameters
     ----------
@@ -737,50 +753,50 @@ def stable_normals(normals: NDArray[np.float32]) -> tuple[NDArray[np.float32], i
 
     Returns
     -------
-    lasting : (N, 3) float32
+    stable : (N, 3) float32
         Of unit length to a share of 0.0005.
-    lost : int
-        How many change all the same, by a last bit: eight in a million.
+    unstable_count : int
+        Normals that still change, by a last bit: eight in a million.
     """
     result = normals.copy()
-    unstable = np.flatnonzero((rounded_units(result) != normals).any(axis=1))
-    for step in range(1, _MAX_LENGTH_TRIALS + 1):
-        length = 1.0 + (step // 2 if step % 2 else -step // 2) * _LENGTH_STEP
-        near = (normals[unstable].astype(np.float64) * length).astype(np.float32)
-        is_stable = (rounded_units(near) == normals[unstable]).all(axis=1)
-        result[unstable[is_stable]] = near[is_stable]
+    unstable = np.flatnonzero((normalize_as_float32(result) != normals).any(axis=1))
+    for trial in range(1, _MAX_LENGTH_TRIALS + 1):
+        length = 1.0 + (trial // 2 if trial % 2 else -trial // 2) * _LENGTH_STEP
+        scaled = (normals[unstable].astype(np.float64) * length).astype(np.float32)
+        is_stable = (normalize_as_float32(scaled) == normals[unstable]).all(axis=1)
+        result[unstable[is_stable]] = scaled[is_stable]
         unstable = unstable[~is_stable]
         if not len(unstable):
             break
     return result, len(unstable)
 
 
-def rounded_units(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return vectors, (N, 3), normalized as a mesh stores them; zero ones stay."""
+def normalize_as_float32(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return vectors, (N, 3), normalized and rounded as a mesh stores them; zero ones stay."""
     return unit_rows(vectors.astype(np.float64)).astype(np.float32)
 
 
-def look_along(position: Any, direction: Any) -> NDArray[np.float64]:
-    """Return the matrix, (4, 4), at a position whose -z is a direction."""
+def make_look_along(position: Any, direction: Any) -> NDArray[np.float64]:
+    """Return the pose, (4, 4), at a position whose -z axis points along a direction."""
     z = -np.array(direction, np.float64)
-    least = np.zeros(3)
-    least[np.abs(z).argmin()] = 1.0
-    x = unit_rows(np.cross(least, z)[np.newaxis])[0]
+    smallest_axis = np.zeros(3)
+    smallest_axis[np.abs(z).argmin()] = 1.0
+    x = unit_rows(np.cross(smallest_axis, z)[np.newaxis])[0]
     matrix = np.eye(4)
     matrix[:3] = np.column_stack([x, np.cross(z, x), z, position])
     return matrix + 0.0
 
 
-def _columns(matrix: NDArray[np.float64]) -> list[float]:
+def _flatten_columns(matrix: NDArray[np.float64]) -> list[float]:
     """Return a matrix in column-major order, as glTF has it."""
     return matrix.T.ravel().tolist()
 
 
-def _json(header: dict[str, Any]) -> bytes:
+def _encode_json(header: dict[str, Any]) -> bytes:
     """Return a header as JSON in UTF-8."""
     return json.dumps(header, separators=(",", ":"), allow_nan=False).encode("utf-8")
 
 
-def _padded(content: bytes, filler: bytes) -> bytes:
+def _pad(content: bytes, filler: bytes) -> bytes:
     """Return bytes padded to a multiple of `_ALIGNMENT`."""
     return content + filler * (-len(content) % _ALIGNMENT)

@@ -21,18 +21,18 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import normalize_names, srgb_rgba
+from rasterjit.io.text.mesh_builder import normalize_names, srgb_to_rgba
 from rasterjit.io.text.number_parser import (
-    BINARY_BYTES,
+    MEMORY_PER_BINARY_BYTE,
     Damage,
     TextLines,
-    line_end,
-    number_rows,
+    find_line_ending,
+    parse_equal_rows,
     parse_float,
 )
 
-_MIN_REFERENCE = 32
-"""Control bytes below this precede literal bytes."""
+_MIN_BACK_REFERENCE = 32
+"""Control bytes below this precede literal bytes; others begin a back reference."""
 
 _EXTENDED_LENGTH = 7
 """Length with which a further byte has the rest."""
@@ -58,7 +58,7 @@ def unpack_lzf(packed: bytes, size: int) -> bytes:
         while at < end and len(content) <= size:
             control = packed[at]
             at += 1
-            if control < _MIN_REFERENCE:
+            if control < _MIN_BACK_REFERENCE:
                 content += packed[at : at + control + 1]
                 at += control + 1
                 continue
@@ -84,7 +84,7 @@ def unpack_lzf(packed: bytes, size: int) -> bytes:
     return bytes(content)
 
 
-_TYPES = {
+_DTYPES = {
     ("I", 1): "<i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
     ("U", 1): "<u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8",
     ("F", 2): "<f2", ("F", 4): "<f4", ("F", 8): "<f8",
@@ -99,14 +99,13 @@ _PADDING_FIELD = "_"
 _KNOWN_NAMES = (_POSITION, _NORMAL, *((name,) for name in _COLORS))
 """Field names that are read in any case."""
 
-_ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""Default viewpoint: position and quaternion."""
+_DEFAULT_VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+"""Position and quaternion."""
 
 _HEADER_KEYS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT",
                "VIEWPOINT", "POINTS", "DATA")  # fmt: skip
 
-_MAX_VALUES = 1 << 20
-"""Most values of all fields of a point."""
+_MAX_VALUES_PER_POINT = 1 << 20
 
 
 @dataclass
@@ -114,51 +113,57 @@ class _Field:
     """A field of a point: its name, type and number of values."""
 
     name: str
-    kind: np.dtype
+    dtype: np.dtype
     count: int
 
 
 @dataclass
-class _Head:
+class _Header:
     """The header of a file."""
 
     fields: list[_Field]
-    points: int
-    form: str
-    at: int
-    """Offset of the points."""
+    point_count: int
+    encoding: str
+    points_offset: int
     has_viewpoint: bool
-    """Whether the header has another viewpoint than the default."""
+    """Whether the viewpoint is another than the default."""
+
+    @property
+    def point_bytes(self) -> int:
+        """Bytes of a point in a binary file."""
+        return sum(field.dtype.itemsize * field.count for field in self.fields)
 
 
 def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Cloud]:
     """Return the cloud of a PCD file, or raise `MeshFileError`."""
     data = resources.read_mesh_file(path)
     try:
-        head = _read_head(data)
+        header = _read_header(data)
         resources.budget.take(
-            f"its {head.points} points",
-            head.points * BINARY_BYTES * sum(one.kind.itemsize * one.count for one in head.fields),
+            f"its {header.point_count} points",
+            header.point_count * MEMORY_PER_BINARY_BYTE * header.point_bytes,
         )
-        left_out.note("viewpoint", int(head.has_viewpoint))
-        if head.form == "ascii":
-            columns = _text_columns(TextLines(data, resources.budget, head.at), head, damage)
-        elif head.form == "binary":
-            columns = _binary_columns(data, head, damage)
+        left_out.note("viewpoint", int(header.has_viewpoint))
+        if header.encoding == "ascii":
+            columns = _read_text(
+                TextLines(data, resources.budget, header.points_offset), header, damage
+            )
+        elif header.encoding == "binary":
+            columns = _read_binary(data, header, damage)
         else:
-            columns = _packed_columns(data, head)
+            columns = _read_compressed(data, header)
     except MeshFileError:
         raise
     except ValueError as error:
         raise MeshFileError(f"{path} could not be read as .pcd: {error}") from None
-    return [_cloud(path, columns, left_out)]
+    return [_make_cloud(path, columns, left_out)]
 
 
-def _read_head(data: bytes) -> _Head:
+def _read_header(data: bytes) -> _Header:
     """Read the header of a file, or raise ``ValueError``."""
-    # Lines of a word and what it says, up to DATA.
+    # Lines of a keyword and its values, up to DATA.
     values: dict[str, list[str]] = {}
-    at, number, ending = 0, 0, line_end(data)
+    at, number, ending = 0, 0, find_line_ending(data)
     while "DATA" not in values:
         end = data.find(ending, at)
         if end < 0:
@@ -184,98 +189,99 @@ def _read_head(data: bytes) -> _Head:
         )
     fields = []
     names = normalize_names(names, _KNOWN_NAMES)
-    for name, size, kind, count in zip(names, sizes, types, counts, strict=True):
-        dtype = _TYPES.get((kind.upper(), _whole("SIZE", size)))
+    for name, size, type_letter, count in zip(names, sizes, types, counts, strict=True):
+        dtype = _DTYPES.get((type_letter.upper(), _parse_integer("SIZE", size)))
         if dtype is None:
-            raise ValueError(f"field {name[:40]!r} must be of a known type, got {kind} of {size}")
-        fields.append(_Field(name, np.dtype(dtype), _whole("COUNT", count)))
-    if not 0 < sum(one.count for one in fields) <= _MAX_VALUES:
-        raise ValueError(f"COUNT must name 1 to {_MAX_VALUES} values of a point")
-    # How many points there are, and how they are written.
-    shape = [_whole(key, *values[key]) for key in ("WIDTH", "HEIGHT") if key in values]
-    points = _whole("POINTS", *values["POINTS"]) if "POINTS" in values else math.prod(shape or [0])
+            raise ValueError(
+                f"field {name[:40]!r} must be of a known type, got {type_letter} of {size}"
+            )
+        fields.append(_Field(name, np.dtype(dtype), _parse_integer("COUNT", count)))
+    if not 0 < sum(field.count for field in fields) <= _MAX_VALUES_PER_POINT:
+        raise ValueError(f"COUNT must name 1 to {_MAX_VALUES_PER_POINT} values of a point")
+    # Number and encoding of the points.
+    shape = [_parse_integer(key, *values[key]) for key in ("WIDTH", "HEIGHT") if key in values]
+    points = math.prod(shape or [0])
+    if "POINTS" in values:
+        points = _parse_integer("POINTS", *values["POINTS"])
     if len(shape) == 2 and math.prod(shape) != points:
         raise ValueError(
             f"POINTS must be WIDTH times HEIGHT, got {points}, {shape[0]} and {shape[1]}"
         )
-    mode = " ".join(values["DATA"]).lower()
-    if mode not in ("ascii", "binary", "binary_compressed"):
-        raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {mode[:40]!r}")
-    viewpoint = [parse_float(word) for word in values.get("VIEWPOINT", ())[: len(_ORIGIN)]]
-    has_viewpoint = viewpoint != list(_ORIGIN[: len(viewpoint)])
-    return _Head(fields, points, mode, at, has_viewpoint)
+    encoding = " ".join(values["DATA"]).lower()
+    if encoding not in ("ascii", "binary", "binary_compressed"):
+        raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {encoding[:40]!r}")
+    default = _DEFAULT_VIEWPOINT
+    viewpoint = [parse_float(word) for word in values.get("VIEWPOINT", ())[: len(default)]]
+    return _Header(fields, points, encoding, at, viewpoint != list(default[: len(viewpoint)]))
 
 
-def _whole(name: str, *words: str) -> int:
+def _parse_integer(name: str, *words: str) -> int:
     """Return the integer of a header line, or raise ``ValueError``."""
     if len(words) != 1 or not words[0].isdecimal() or len(words[0]) > 15:
         raise ValueError(f"{name} must be a whole number, got {' '.join(words)[:40]!r}")
     return int(words[0])
 
 
-def _text_columns(lines: TextLines, head: _Head, damage: Damage) -> dict[str, NDArray[Any]]:
+def _read_text(lines: TextLines, header: _Header, damage: Damage) -> dict[str, NDArray[Any]]:
     """Return the values of each field, (N,) or (N, count), of a text file."""
-    rows = np.flatnonzero((lines.starts < lines.ends) & (lines.char(0) != ord("#")))
-    width = sum(one.count for one in head.fields)
-    if len(rows) < head.points:
-        damage.end(f"{head.points} lines of points, as its head says", str(len(rows)))
-    elif len(rows) > head.points:
-        damage.line(lines, int(rows[head.points]), "no line behind those that its head says")
-    rows = rows[: head.points]
-    what = f"a point ({', '.join(one.name for one in head.fields)})"
-    values, counts = number_rows(lines, rows, 0, width, what, damage)
-    for row in np.flatnonzero(counts > width).tolist():
-        damage.line(lines, int(rows[row]), f"{width} numbers of {what}")
-    good = counts == width
-    begins = (np.cumsum(counts) - counts)[good]
-    table = values[begins[:, np.newaxis] + np.arange(width)]
+    rows = np.flatnonzero((lines.starts < lines.ends) & (lines.byte_at(0) != ord("#")))
+    width = sum(field.count for field in header.fields)
+    if len(rows) < header.point_count:
+        damage.report_end(f"{header.point_count} lines of points, as its head says", str(len(rows)))
+    elif len(rows) > header.point_count:
+        damage.report_line(
+            lines, int(rows[header.point_count]), "no line behind those that its head says"
+        )
+    rows = rows[: header.point_count]
+    row_name = f"a point ({', '.join(field.name for field in header.fields)})"
+    table = parse_equal_rows(lines, rows, width, row_name, damage)
     columns, at = {}, 0
-    for one in head.fields:
+    for field in header.fields:
         with np.errstate(invalid="ignore", over="ignore"):
-            part = table[:, at : at + one.count]
+            values = table[:, at : at + field.count]
             # Whole numbers of 32 bits that stand for a packed colour are no floats.
-            is_bits = one.name in _COLORS and bool((part >= 1.0).any())
-            columns[one.name] = _squeeze(part.astype("<u4" if is_bits else one.kind), one.count)
-        at += one.count
+            is_bits = field.name in _COLORS and bool((values >= 1.0).any())
+            columns[field.name] = _squeeze(values.astype("<u4" if is_bits else field.dtype))
+        at += field.count
     return columns
 
 
-def _binary_columns(data: bytes, head: _Head, damage: Damage) -> dict[str, NDArray[Any]]:
+def _read_binary(data: bytes, header: _Header, damage: Damage) -> dict[str, NDArray[Any]]:
     """Return the values of each field, (N,) or (N, count), of a binary file."""
-    kind = np.dtype([(f"v{n}", one.kind, (one.count,)) for n, one in enumerate(head.fields)])
-    max_points = (len(data) - head.at) // kind.itemsize
-    if max_points < head.points:
-        damage.end(f"{head.points} points, as its head says", f"room for {max_points}")
-    rows = np.frombuffer(data, kind, min(max_points, head.points), head.at)
-    return {one.name: _squeeze(rows[f"v{n}"], one.count) for n, one in enumerate(head.fields)}
+    row_type = np.dtype([(f"v{n}", one.dtype, (one.count,)) for n, one in enumerate(header.fields)])
+    capacity = (len(data) - header.points_offset) // row_type.itemsize
+    if capacity < header.point_count:
+        damage.report_end(f"{header.point_count} points, as its head says", f"room for {capacity}")
+    rows = np.frombuffer(data, row_type, min(capacity, header.point_count), header.points_offset)
+    return {field.name: _squeeze(rows[f"v{n}"]) for n, field in enumerate(header.fields)}
 
 
-def _packed_columns(data: bytes, head: _Head) -> dict[str, NDArray[Any]]:
+def _read_compressed(data: bytes, header: _Header) -> dict[str, NDArray[Any]]:
     """Return the values of each field, (N,) or (N, count), of a compressed file."""
-    if len(data) < head.at + 8:
+    if len(data) < header.points_offset + 8:
         raise ValueError("it is cut short before its points")
-    packed, size = struct.unpack_from("<II", data, head.at)
-    expected = head.points * sum(one.kind.itemsize * one.count for one in head.fields)
+    packed_size, size = struct.unpack_from("<II", data, header.points_offset)
+    expected = header.point_count * header.point_bytes
     if size != expected:
         raise ValueError(f"its points must take {expected} bytes, as its head says, got {size}")
-    content = data[head.at + 8 : head.at + 8 + packed]
-    if len(content) < packed:
-        raise ValueError(f"it must have {packed} compressed bytes, got {len(content)}")
-    unpacked, at, columns = unpack_lzf(content, size), 0, {}
-    for one in head.fields:
-        values = np.frombuffer(unpacked, one.kind, head.points * one.count, at)
-        columns[one.name] = _squeeze(values.reshape(-1, one.count), one.count)
+    packed = data[header.points_offset + 8 : header.points_offset + 8 + packed_size]
+    if len(packed) < packed_size:
+        raise ValueError(f"it must have {packed_size} compressed bytes, got {len(packed)}")
+    unpacked, at, columns = unpack_lzf(packed, size), 0, {}
+    for field in header.fields:
+        values = np.frombuffer(unpacked, field.dtype, header.point_count * field.count, at)
+        columns[field.name] = _squeeze(values.reshape(-1, field.count))
         at += values.nbytes
     return columns
 
 
-def _squeeze(values: NDArray[Any], count: int) -> NDArray[Any]:
-    """Return columns of one value as (N,)."""
-    return values[:, 0] if count == 1 else values
+def _squeeze(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a table of one column as (N,)."""
+    return values[:, 0] if values.shape[1] == 1 else values
 
 
-def _cloud(path: Path, columns: dict[str, NDArray[Any]], left_out: LeftOut) -> Cloud:
-    """Return the cloud of the columns by the meaning of their names."""
+def _make_cloud(path: Path, columns: dict[str, NDArray[Any]], left_out: LeftOut) -> Cloud:
+    """Return a cloud whose columns are used by the meaning of their names."""
     if any(name not in columns or columns[name].ndim != 1 for name in _POSITION):
         raise MeshFileError(
             f"{path} must have the fields x, y and z, got {', '.join(columns)[:80]}"
@@ -283,7 +289,7 @@ def _cloud(path: Path, columns: dict[str, NDArray[Any]], left_out: LeftOut) -> C
     colors, normals = None, None
     for name in _COLORS:
         if name in columns and columns[name].ndim == 1 and columns[name].dtype.itemsize == 4:
-            colors = _packed_colors(columns[name], name == "rgba")
+            colors = _unpack_colors(columns[name], name == "rgba")
         elif name in columns:
             left_out.note(f"field {name!r} that holds no packed colours")
     if all(name in columns and columns[name].ndim == 1 for name in _NORMAL):
@@ -295,8 +301,8 @@ def _cloud(path: Path, columns: dict[str, NDArray[Any]], left_out: LeftOut) -> C
     )  # fmt: skip
 
 
-def _packed_colors(column: NDArray[Any], has_alpha: bool) -> NDArray[np.float32]:
+def _unpack_colors(column: NDArray[Any], has_alpha: bool) -> NDArray[np.float32]:
     """Return packed colours as linear RGBA."""
     codes = np.ascontiguousarray(column).view("<u1").reshape(-1, 4)
     # Blue, green, red and alpha; many programs leave the byte of alpha empty.
-    return srgb_rgba(codes[:, [2, 1, 0, 3] if has_alpha and codes[:, 3].any() else [2, 1, 0]])
+    return srgb_to_rgba(codes[:, [2, 1, 0, 3] if has_alpha and codes[:, 3].any() else [2, 1, 0]])

@@ -25,16 +25,16 @@ COLORS_NOTE = "colours beside a material or texture coordinates"
 """Note about colours that are not shown, as trimesh's readers skip them, too."""
 
 
-_MESH_BYTES, _VERTEX_BYTES = 4096, 80
+_MESH_MEMORY, _VERTEX_MEMORY = 4096, 80
 """Memory of a mesh without its arrays, and of a vertex, while it is read and in the mesh."""
 
-POLYGON_CORNER_BYTES = 24
+POLYGON_CORNER_MEMORY = 24
 """Memory of a corner of a polygon, before its polygon is triangulated."""
 
-_VALUE_BYTES = 12
+_MEMORY_PER_VALUE = 12
 """Memory of a value of an attribute, in the mesh and while creases are split."""
 
-_FACE_BYTES, _SPLIT_FACE_BYTES = 64, 160
+_FACE_MEMORY, _SPLIT_FACE_MEMORY = 64, 160
 """Memory of a face of a mesh with normals, and of one without, whose creases are split."""
 
 
@@ -84,39 +84,39 @@ def build_scene(parts: Iterable[Geometry], context: primitives.Context) -> Scene
     """Return a scene with a node for each geometry, or raise `MeshFileError` naming it."""
     scene = Scene()
     for part in parts:
-        scene.add(geometry_mesh(part, context), name=part.name or None)
+        scene.add(convert_geometry(part, context), name=part.name or None)
     return scene
 
 
-def geometry_mesh(geometry: Geometry, context: primitives.Context) -> Mesh:
+def convert_geometry(geometry: Geometry, context: primitives.Context) -> Mesh:
     """Return a geometry as a mesh with normals, points or lines, or raise `MeshFileError`."""
     if isinstance(geometry, primitives.Cloud):
         return primitives.make_points(geometry, context)
     if isinstance(geometry, primitives.LineSet):
         return primitives.make_lines(geometry, context)
-    return mesh_of_data(geometry, context)
+    return convert_data(geometry, context)
 
 
-def mesh_of_data(part: MeshData, context: primitives.Context) -> Mesh:
+def convert_data(part: MeshData, context: primitives.Context) -> Mesh:
     """Return a `Mesh` with normals, or raise `MeshFileError` naming its source and name."""
     left_out = context.left_out
-    face_bytes = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
-    memory = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + face_bytes * len(part.faces)
+    face_bytes = _FACE_MEMORY if part.normals is not None else _SPLIT_FACE_MEMORY
+    memory = _MESH_MEMORY + _VERTEX_MEMORY * len(part.vertices) + face_bytes * len(part.faces)
     attribute_values = (*part.attributes.values(), *part.face_attributes.values())
-    memory += _VALUE_BYTES * sum(values.size for values in attribute_values)
+    memory += _MEMORY_PER_VALUE * sum(values.size for values in attribute_values)
     context.take(f"the mesh {part.name[:MAX_NAME_LENGTH]!r}", memory)
-    uv, material = _finite_uv(part.uv, left_out), part.material
+    uv, material = _check_uv(part.uv, left_out), part.material
     if uv is None and material is not None:
-        material = without_textures(part.name, material, left_out)
+        material = drop_textures(part.name, material, left_out)
     try:
         mesh = primitives.make_mesh(
             f"mesh {part.name[:MAX_NAME_LENGTH]!r}", left_out, vertices=part.vertices,
-            faces=part.faces, normals=primitives.finite_normals(part.normals, left_out), uv=uv,
+            faces=part.faces, normals=primitives.zero_infinite(part.normals, left_out), uv=uv,
             material=material, colors=part.colors if part.face_scalars is None else None,
             on_invalid=context.on_invalid, scalars=part.scalars if part.colors is None else None,
-            attributes=primitives.finite_attributes(part.attributes, len(part.vertices), left_out),
+            attributes=primitives.select_finite(part.attributes, len(part.vertices), left_out),
         )  # fmt: skip
-        of_faces = primitives.finite_attributes(part.face_attributes, len(part.faces), left_out)
+        of_faces = primitives.select_finite(part.face_attributes, len(part.faces), left_out)
         set_face_values(mesh, mesh.face_colors, of_faces)
         if part.face_scalars is not None:
             set_face_scalars(mesh, part.face_scalars)
@@ -135,28 +135,30 @@ def _fill_normals(mesh: Mesh, bare: NDArray[np.bool_] | None, context: primitive
     faces = np.where(bare[:, np.newaxis], split.faces + len(mesh.vertices), mesh.faces)
     used, indices = np.unique(faces, return_inverse=True)
 
-    def of_both(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
+    def take_used(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
         """Return the used rows of two arrays of vertices."""
         return np.concatenate([first, second])[used]
 
-    def if_given(first: NDArray[Any] | None, second: NDArray[Any] | None) -> NDArray[Any] | None:
+    def take_if_given(
+        first: NDArray[Any] | None, second: NDArray[Any] | None
+    ) -> NDArray[Any] | None:
         """Return the used rows of two arrays, or None if the mesh has no such array."""
-        return None if first is None or second is None else of_both(first, second)
+        return None if first is None or second is None else take_used(first, second)
 
     attributes = {
-        name: of_both(values, split.vertex_attributes[name])
+        name: take_used(values, split.vertex_attributes[name])
         for name, values in mesh.vertex_attributes.items()
     }
     both = Mesh(
-        of_both(mesh.vertices, split.vertices), indices.reshape(-1, 3),
-        normals=if_given(mesh.normals, split.normals), uv=if_given(mesh.uv, split.uv),
-        colors=if_given(mesh.vertex_colors, split.vertex_colors), attributes=attributes,
+        take_used(mesh.vertices, split.vertices), indices.reshape(-1, 3),
+        normals=take_if_given(mesh.normals, split.normals), uv=take_if_given(mesh.uv, split.uv),
+        colors=take_if_given(mesh.vertex_colors, split.vertex_colors), attributes=attributes,
         material=mesh.material, on_invalid=context.on_invalid,
     )  # fmt: skip
     return set_face_values(both, mesh.face_colors, mesh.face_attributes)
 
 
-def _finite_uv(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
+def _check_uv(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
     """Return texture coordinates; None, with a note, if one is not finite."""
     if values is not None and not np.isfinite(values).all():
         left_out.note("uv with NaN or infinity")
@@ -164,7 +166,7 @@ def _finite_uv(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] |
     return values
 
 
-def without_textures(name: str, material: Material, left_out: LeftOut) -> Material:
+def drop_textures(name: str, material: Material, left_out: LeftOut) -> Material:
     """Return a material without its textures, for a mesh without texture coordinates."""
     fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
     if not fields:
@@ -196,7 +198,7 @@ def normalize_names(names: Sequence[str], groups: Iterable[Sequence[str]]) -> li
     return [normalized.get(name, name) for name in names]
 
 
-def linear_rgba(colors: NDArray[Any], is_linear: bool) -> NDArray[np.float32]:
+def to_linear_rgba(colors: NDArray[Any], is_linear: bool) -> NDArray[np.float32]:
     """
     Return sRGB or linear colours, (N, 3|4), as linear RGBA.
 
@@ -212,12 +214,12 @@ def linear_rgba(colors: NDArray[Any], is_linear: bool) -> NDArray[np.float32]:
     return rgba
 
 
-def srgb_rgba(colors: NDArray[Any]) -> NDArray[np.float32]:
+def srgb_to_rgba(colors: NDArray[Any]) -> NDArray[np.float32]:
     """Return sRGB colours, (N, 3|4), as linear RGBA; floats count from 0 to 1."""
-    return linear_rgba(srgb_bytes(colors), False)
+    return to_linear_rgba(to_srgb_bytes(colors), False)
 
 
-def srgb_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
+def to_srgb_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
     """Return colours as bytes; floats count from 0 to 1."""
     if colors.dtype.kind == "f":
         finite = np.where(np.isfinite(colors), colors, 0.0)
@@ -227,7 +229,7 @@ def srgb_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
     return np.clip(colors, 0, 255).astype(np.uint8)
 
 
-def unique_rows(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def number_rows(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
     Number the distinct rows of a table, sorted lexicographically.
 
@@ -250,7 +252,7 @@ def unique_rows(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[
     return rows[order], rank.take(which)
 
 
-def triangles(
+def triangulate(
     counts: NDArray[np.int64], by_size: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
@@ -288,7 +290,7 @@ def triangles(
     return corners, polygons
 
 
-def strip_triangles(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def triangulate_strips(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
     Triangulate strips; every second triangle is turned over.
 
@@ -311,7 +313,7 @@ def strip_triangles(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArr
     return np.stack([first, first + 1 + odd, first + 2 - odd], axis=1), strips
 
 
-def valid_polygons(
+def select_polygons(
     corners: NDArray[Any],
     counts: NDArray[np.int64],
     is_valid_vertex: NDArray[np.bool_],
@@ -426,9 +428,9 @@ class SceneRecord:
     lights: list[Light] = field(default_factory=list)
 
 
-def scene_of_record(record: SceneRecord, context: primitives.Context) -> Scene:
+def convert_record(record: SceneRecord, context: primitives.Context) -> Scene:
     """Return a `Scene` of its plain data, or raise `MeshFileError`."""
-    meshes = [geometry_mesh(one, context) for one in record.geometries]
+    meshes = [convert_geometry(one, context) for one in record.geometries]
     scene_nodes: list[Node] = []
     for node_record in record.nodes:
         parent: Any = None if node_record.parent is None else scene_nodes[node_record.parent]

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from rasterjit.io.images import resize_grey, to_uint16
 from rasterjit.io.load_warnings import LeftOut, MissingFileError, reason_of
-from rasterjit.io.resources import RefusedFileError, Resources, quoted_name
-from rasterjit.io.text.mesh_builder import srgb_bytes
+from rasterjit.io.resources import RefusedFileError, Resources, quote_name
+from rasterjit.io.text.mesh_builder import to_srgb_bytes
 from rasterjit.io.text.number_parser import parse_float
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import Material
@@ -28,11 +28,11 @@ from rasterjit.scene.memory_limits import FileSizeError
 from rasterjit.scene.texture import MAX_UV_OFFSET, Texture
 from rasterjit.scene.validation import brief
 
-GREY = (102, 102, 102, 255)
+DEFAULT_COLOR = (102, 102, 102, 255)
 """Default colour of materials, sRGB, as trimesh has it."""
 
-_STATEMENT_BYTES = 64
-"""Most memory of a byte of an MTL file, as statements."""
+_MEMORY_PER_BYTE = 64
+"""Most bytes of memory for a byte of an MTL file, as statements."""
 
 MAX_SHININESS = 1000.0
 """Largest exponent: a highlight of about two degrees, which pixels still resolve."""
@@ -40,7 +40,7 @@ MAX_SHININESS = 1000.0
 _MAP_STATEMENTS = ("map_kd", "map_d")
 """Statements of images that are shown: colour and opacity."""
 
-_COMMENT_LENGTH = 400
+_WRITER_SEARCH_LENGTH = 400
 """Characters of an MTL file that are searched for the program that wrote it."""
 
 _OPTION_DEFAULTS = {
@@ -56,9 +56,9 @@ _CHANNEL_OPTION = "-imfchan"
 _TEXTURE_OPTIONS = {"-s": "scale", "-o": "offset", "-clamp": "wrap"}
 """Options that become sampling fields of a texture."""
 
-_NUMBERS, _OPACITIES = ("kd", "ks", "ns"), ("d", "tr")
+_NUMBER_STATEMENTS, _OPACITY_STATEMENTS = ("kd", "ks", "ns"), ("d", "tr")
 
-_NEUTRAL = {
+_NEUTRAL_VALUES = {
     "ke": 0.0, "tf": 1.0, "pr": 0.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "pcr": 0.0, "aniso": 0.0,
     "anisor": 0.0,
 }  # fmt: skip
@@ -84,12 +84,12 @@ class MtlMaterial:
     glossiness : float, optional
         Exponent of the highlight.
     statements : dict
-        What the file says, by the statement's name in lower case.
+        Words or numbers by the statement's name in lower case.
     """
 
     name: str
-    diffuse: Any = GREY
-    specular: Any = GREY
+    diffuse: Any = DEFAULT_COLOR
+    specular: Any = DEFAULT_COLOR
     glossiness: float | None = None
     statements: dict[str, Any] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
@@ -102,23 +102,25 @@ class MtlMaterial:
             self.statements[key] = MtlTexture.parse(words)
             return
         words = strip_comment_words(words)
-        if key in _OPACITIES and words and _is_finite(words[-1]):
+        if key in _OPACITY_STATEMENTS and words and _is_finite(words[-1]):
             self.statements[key] = words
             self.unread += [f"{' '.join(words[:-1])} of {statement}"] * (len(words) > 1)
-        elif key in _OPACITIES:
+        elif key in _OPACITY_STATEMENTS:
             self.unread.append(_describe_statement(statement, words))
-        elif key.startswith("map_") or key in _UNREAD_MAPS or key not in _NUMBERS:
-            is_neutral = key in _NEUTRAL and all(parse_float(one) == _NEUTRAL[key] for one in words)
+        elif key.startswith("map_") or key in _UNREAD_MAPS or key not in _NUMBER_STATEMENTS:
+            neutral = _NEUTRAL_VALUES.get(key)
+            is_neutral = neutral is not None and all(parse_float(one) == neutral for one in words)
             if key not in _IGNORED_STATEMENTS and not is_neutral:
                 self.unread.append(statement)
-        elif key in _NUMBERS:
+        elif key in _NUMBER_STATEMENTS:
             numbers = [float(word) for word in words] if all(map(_is_finite, words)) else []
             if key == "ns" and len(numbers) == 1:
                 self.glossiness = numbers[0]
             elif key != "ns" and (len(numbers) in (3, 4) or numbers == [0.0]):
                 # A single zero is no colour.
-                rgb = srgb_bytes(np.array(numbers)) if len(numbers) > 1 else np.array(GREY)
-                rgba = (*rgb.tolist(), 255)[:4]
+                rgba = DEFAULT_COLOR
+                if len(numbers) > 1:
+                    rgba = (*to_srgb_bytes(np.array(numbers)).tolist(), 255)[:4]
                 if key == "kd":
                     self.diffuse = rgba
                 else:
@@ -140,16 +142,16 @@ def convert_mtl_material(
     Convert a material of an MTL file to `Material`.
 
     ``Kd`` and ``Ks`` are sRGB, ``Ns`` is the Blinn-Phong exponent, where 1 or less is no highlight;
-    the strength of the highlight is the mean of ``Ks``. What the file does not say keeps the
+    the strength of the highlight is the mean of ``Ks``. Properties that the file lacks have the
     engine's defaults.
     """
     statements = material.statements
     default = Material(base_color_texture=texture)
     color = None
-    if "kd" in statements or tuple(material.diffuse) != GREY:
+    if "kd" in statements or tuple(material.diffuse) != DEFAULT_COLOR:
         rgb = srgb_to_linear(np.asarray(material.diffuse, dtype=np.uint8)[:3])
         color = (*rgb.tolist(), float(material.diffuse[3]) / 255.0)
-    opacity = _opacity(statements, tr_is_opacity)
+    opacity = _compute_opacity(statements, tr_is_opacity)
     alpha = opacity if color is None else color[3] * opacity
     if color is None and alpha < 1.0:
         color = default.base_color_over(False)
@@ -174,7 +176,7 @@ def convert_mtl_material(
     )
 
 
-def _opacity(statements: dict[str, Any], tr_is_opacity: bool) -> float:
+def _compute_opacity(statements: dict[str, Any], tr_is_opacity: bool) -> float:
     """Return the opacity by ``d``, or by ``Tr``, which most files write as 1 - d."""
     if "d" in statements:
         opacity = float(statements["d"][-1])
@@ -193,9 +195,9 @@ class MtlLibrary:
     Parameters
     ----------
     names : iterable of str
-        MTL files that it names.
+        MTL files that the OBJ file names.
     used : iterable of str
-        Materials that it uses.
+        Names of the materials that it uses.
     resources : Resources
         The files that it may name.
     left_out : LeftOut
@@ -213,7 +215,7 @@ class MtlLibrary:
         self._materials: dict[str, Material] = {}
         self.materials: dict[str, MtlMaterial] = {}
         for line in dict.fromkeys(names):
-            self._read_line(line)
+            self._read_libraries(line)
         self._library_names: dict[str, str] = {}
         """Names of materials in the MTL files, with and without a trailing comment."""
         for library_name in self.materials:
@@ -221,11 +223,11 @@ class MtlLibrary:
                 self._library_names.setdefault(name, library_name)
         used = dict.fromkeys(used)
         for name in used:
-            if self._find(name) is None:
+            if self._find_library_name(name) is None:
                 left_out.note(f"reference to material {name!r}, which no MTL file of it has")
         # MeshLab writes ``Tr 1`` for opaque surfaces, where others mean invisible ones. A file of
         # which nothing would be seen is taken as MeshLab's.
-        names_used = (self._find(name) for name in used)
+        names_used = (self._find_library_name(name) for name in used)
         statements = [
             {} if name is None else self.materials[name].statements for name in names_used
         ]
@@ -234,15 +236,15 @@ class MtlLibrary:
             and all("d" not in one and _is_one(one.get("tr")) for one in statements)
         )
 
-    def _read_line(self, line: str) -> None:
+    def _read_libraries(self, line: str) -> None:
         """
         Read the MTL files that an ``mtllib`` line names.
 
-        Names may have blanks, and a comment may stand behind them: the first way to take the line
-        apart that leads to a file is the right one.
+        Names may have blanks, and a comment may follow: the first splitting of the line that names
+        an existing file is used.
         """
         errors: dict[str, Exception] = {}
-        for names in candidate_libraries(line):
+        for names in list_candidates(line):
             contents = {}
             for name in names:
                 try:
@@ -253,30 +255,33 @@ class MtlLibrary:
                     errors[name] = error
             if contents:
                 for content in contents.values():
-                    self._read(content)
+                    self._read_library(content)
                 missing = [name for name in names if name not in contents]
                 break
         else:
-            missing = mtl_file_names(line) or [_strip_comment(line)]
+            missing = split_file_names(line) or [_strip_comment(line)]
         for name in missing:
             reason = errors[name]
             if isinstance(reason, RefusedFileError):
                 self._left_out.note(f"MTL file: {reason_of(reason)}")
             else:
-                self._left_out.note(f"MTL file {quoted_name(name)}: {reason_of(reason)}")
+                self._left_out.note(f"MTL file {quote_name(name)}: {reason_of(reason)}")
 
-    def _read(self, content: bytes) -> None:
+    def _read_library(self, content: bytes) -> None:
         """Add the materials of an MTL file; those of earlier files come first."""
-        self._resources.budget.take("an MTL file", _STATEMENT_BYTES * len(content))
+        self._resources.budget.take("an MTL file", _MEMORY_PER_BYTE * len(content))
         text = content.decode("utf-8-sig", "replace")
-        self._is_from_meshlab |= "meshlab" in text[:_COMMENT_LENGTH].lower()
+        self._is_from_meshlab |= "meshlab" in text[:_WRITER_SEARCH_LENGTH].lower()
         material, materials = None, {}
         for line in text.splitlines():
             words = line.split()
             if not words or words[0].startswith("#"):
                 continue
-            if len(words) == 1 and words[0].lower() not in (*_NUMBERS, *_OPACITIES):
-                # It says nothing.
+            if len(words) == 1 and words[0].lower() not in (
+                *_NUMBER_STATEMENTS,
+                *_OPACITY_STATEMENTS,
+            ):
+                # A statement without words has no effect.
                 continue
             if words[0].lower() == "newmtl":
                 name = " ".join(words[1:])
@@ -285,7 +290,7 @@ class MtlLibrary:
                 material.add_statement(words[0], words[1:])
         self.materials = {**materials, **self.materials}
 
-    def _find(self, name: str | None) -> str | None:
+    def _find_library_name(self, name: str | None) -> str | None:
         """Return the name in the MTL files of a material that the OBJ file uses, or None."""
         if name is None or name in self.materials:
             return name
@@ -293,7 +298,7 @@ class MtlLibrary:
 
     def material(self, name: str | None) -> Material | None:
         """Return a material, shared by all meshes that use it; None if no MTL file has it."""
-        name = self._find(name)
+        name = self._find_library_name(name)
         if name is None:
             return None
         if name not in self._materials:
@@ -311,44 +316,44 @@ class MtlLibrary:
 
     def texture(self, material: str) -> Texture | None:
         """Return the texture of a material, colour and opacity combined; None if it has none."""
-        uses = self.materials[material].statements
-        key = uses.get("map_kd"), uses.get("map_d")
+        statements = self.materials[material].statements
+        key = statements.get("map_kd"), statements.get("map_d")
         if key not in self._textures:
-            self._textures[key] = self._combine(*key, f"material {material!r}")
+            self._textures[key] = self._combine_maps(*key, f"material {material!r}")
         return self._textures[key]
 
-    def _combine(
+    def _combine_maps(
         self, color_map: MtlTexture | None, opacity_map: MtlTexture | None, label: str
     ) -> Texture | None:
         """Combine the images that can be read to a texture, with the sampling of the first."""
-        color = self._pixels(color_map, "map_Kd", label)
-        opacity = self._pixels(opacity_map, "map_d", label)
+        color = self._read_pixels(color_map, "map_Kd", label)
+        opacity = self._read_pixels(opacity_map, "map_d", label)
         first = opacity_map if color is None else color_map
         sampling = {} if first is None else first.sampling()
-        for use, key, pixels in ((color_map, "map_Kd", color), (opacity_map, "map_d", opacity)):
-            if use is not None and pixels is not None:
-                applied = sampling if use.sampling() == sampling else {}
-                for option, words in use.options.items():
+        for image, key, pixels in ((color_map, "map_Kd", color), (opacity_map, "map_d", opacity)):
+            if image is not None and pixels is not None:
+                applied = sampling if image.sampling() == sampling else {}
+                for option, words in image.options.items():
                     is_channel = key == "map_d" and option == _CHANNEL_OPTION and words[0] in "rgbm"
                     if not is_channel and _TEXTURE_OPTIONS.get(option) not in applied:
                         self._left_out.note(f"option {option} of {key} of {label}")
         if opacity is None:
             return None if color is None else Texture(color, **sampling)
-        alpha = _opacity_channel(opacity, opacity_map)
+        alpha = _select_opacity(opacity, opacity_map)
         if color is None:
             color = np.full((*alpha.shape, 3), 255, np.uint8)
         if color.dtype != alpha.dtype:
             color, alpha = to_uint16(color), to_uint16(alpha)
         color = color[..., np.newaxis] if color.ndim == 2 else color
-        red_green_blue = color[..., :3] if color.shape[2] >= 3 else np.repeat(color[..., :1], 3, 2)
+        rgb = color[..., :3] if color.shape[2] >= 3 else np.repeat(color[..., :1], 3, 2)
         alpha = resize_grey(alpha, (color.shape[1], color.shape[0]))
-        return Texture(np.dstack([red_green_blue, alpha]), **sampling)
+        return Texture(np.dstack([rgb, alpha]), **sampling)
 
-    def _pixels(self, use: MtlTexture | None, key: str, label: str) -> NDArray[Any] | None:
+    def _read_pixels(self, image: MtlTexture | None, key: str, label: str) -> NDArray[Any] | None:
         """Return an image's pixels; None, with a note, if it cannot be read."""
-        if use is None:
+        if image is None:
             return None
-        name = use.name
+        name = image.name
         try:
             try:
                 content = self._resources.read(name)
@@ -356,31 +361,32 @@ class MtlLibrary:
                 if (stripped := _strip_comment(name)) == name:
                     raise
                 content, name = self._resources.read(stripped), stripped
-            decoder, what = self._resources.decoder, f"picture {quoted_name(name)}"
-            pixels: NDArray[Any] = decoder.decode("picture", content, what, ())
+            decoder, picture_label = self._resources.decoder, f"picture {quote_name(name)}"
+            pixels: NDArray[Any] = decoder.decode("picture", content, picture_label, ())
             return pixels
         except Exception as error:
-            # Pillow raises what it likes about a damaged picture.
+            # Pillow raises any error about a damaged picture.
             self._left_out.note(
-                f"{key} of {label}, {quoted_name(name)}, that cannot be read: {reason_of(error)}"
+                f"{key} of {label}, {quote_name(name)}, that cannot be read: {reason_of(error)}"
             )
             return None
 
 
-def _opacity_channel(opacity: NDArray[Any], use: MtlTexture | None) -> NDArray[Any]:
+def _select_opacity(pixels: NDArray[Any], image: MtlTexture | None) -> NDArray[Any]:
     """
     Return the channel of an image that is the opacity.
 
-    Without an option that names it, grey counts, or else alpha: a picture in colour with alpha is
-    mostly that of map_Kd.
+    Without an option that names the channel, it is the alpha of RGBA pictures, which are mostly
+    those of map_Kd as well, else the first channel.
     """
-    if opacity.ndim == 2:
-        return opacity
-    channel = () if use is None else use.options.get(_CHANNEL_OPTION, ())
-    width = opacity.shape[2]
-    if channel in (("r",), ("g",), ("b",)) and width > 2:
-        return opacity[..., "rgb".index(channel[0])]
-    return opacity[..., width - 1 if width > 3 or (width == 2 and channel == ("m",)) else 0]
+    if pixels.ndim == 2:
+        return pixels
+    option = () if image is None else image.options.get(_CHANNEL_OPTION, ())
+    channel_count = pixels.shape[2]
+    if option in (("r",), ("g",), ("b",)) and channel_count > 2:
+        return pixels[..., "rgb".index(option[0])]
+    uses_last = channel_count > 3 or (channel_count == 2 and option == ("m",))
+    return pixels[..., channel_count - 1 if uses_last else 0]
 
 
 def _is_one(words: list[str] | None) -> bool:
@@ -395,9 +401,9 @@ class MtlTexture(NamedTuple):
     Parameters
     ----------
     name : str
-        It may have blanks.
+        File name; may have blanks.
     options : dict of str to words
-        Those that change anything.
+        Options that differ from their defaults.
     """
 
     name: str
@@ -411,7 +417,7 @@ class MtlTexture(NamedTuple):
         """
         Parse the options of an image, and its name after them.
 
-        An option takes up to three numbers; what is none belongs to the name.
+        An option takes up to three numbers; other words belong to the name.
         """
         at, options = 0, {}
         while at < len(words) and words[at].lower() in _OPTION_DEFAULTS:
@@ -438,16 +444,16 @@ class MtlTexture(NamedTuple):
         return {**sampling, **({"wrap": "clamp"} if "-clamp" in self.options else {})}
 
 
-def candidate_libraries(text: str) -> Iterator[list[str]]:
-    """Yield the lists of MTL files that a line may mean, the likeliest first."""
+def list_candidates(text: str) -> Iterator[list[str]]:
+    """Yield lists of MTL files that a line may name, the likeliest first."""
     stripped = _strip_comment(text)
     yield [text]
     yield [stripped]
-    yield mtl_file_names(text)
+    yield split_file_names(text)
     yield stripped.split()
 
 
-def mtl_file_names(text: str) -> list[str]:
+def split_file_names(text: str) -> list[str]:
     """Return the names in a line that end in ``.mtl``."""
     stripped, begin, names = _strip_comment(text), 0, []
     for end in re.finditer(r"\.mtl\b[\"']?(?=\s|$)", stripped, re.IGNORECASE):

@@ -22,20 +22,20 @@ from rasterjit.io.text.mesh_builder import (
     Geometry,
     MeshData,
     Names,
-    srgb_rgba,
-    triangles,
-    unique_rows,
+    number_rows,
+    srgb_to_rgba,
+    triangulate,
 )
 from rasterjit.io.text.mtl import MtlLibrary
 from rasterjit.io.text.number_parser import (
-    CORNER_BYTES,
-    ROW_BYTES,
+    MEMORY_PER_CORNER,
+    MEMORY_PER_ROW,
     Damage,
     TextLines,
-    number_rows,
-    parse,
-    row_table,
-    word_starts,
+    make_row_table,
+    mark_word_starts,
+    parse_numbers,
+    parse_rows,
 )
 from rasterjit.scene.material import Material
 
@@ -54,7 +54,7 @@ _IGNORED_STATEMENTS = frozenset(
 )  # fmt: skip
 """Statements that are read elsewhere, or show nothing by themselves."""
 
-_ELEMENTS = {"p": 1, "l": 2}
+_MIN_VERTICES = {"p": 1, "l": 2}
 """Statements of points and lines, with their least number of vertices."""
 
 _UNREAD_STATEMENTS = {
@@ -92,7 +92,7 @@ class _ObjFile:
         self._budget = resources.budget
         self._sort_lines()
         self._read_numbers()
-        names, materials, material_lines = self._statements()
+        names, materials, material_lines = self._read_materials()
         self._note_unread()
         self._material_names = [None, *materials]
         self._library = MtlLibrary(names, materials, resources, left_out)
@@ -102,7 +102,7 @@ class _ObjFile:
     def _sort_lines(self) -> None:
         """Sort the lines by kind of statement, by their first letters."""
         lines = self._lines
-        first, second, third = (lines.char(offset) for offset in range(3))
+        first, second, third = (lines.byte_at(offset) for offset in range(3))
         blank = second <= ord(" ")
         is_v = first == ord("v")
         self._kind_lines = {
@@ -117,16 +117,16 @@ class _ObjFile:
         self._usemtl_lines = np.flatnonzero(is_material_statement)
         starts = np.isin(first, np.frombuffer(b"ofgs", np.uint8)) & blank
         self._group_lines = np.flatnonzero(starts)
-        self._unread_lines = self._find_other_lines(first, blank)
+        self._unread_lines = self._sort_other_lines(first, blank)
 
-    def _find_other_lines(self, first: NDArray[np.uint8], blank: NDArray[np.bool_]) -> list[int]:
+    def _sort_other_lines(self, first: NDArray[np.uint8], blank: NDArray[np.bool_]) -> list[int]:
         """Return the lines of other statements; keep those of points and lines."""
         lines = self._lines
         rest = (lines.starts < lines.ends) & (first != ord("#"))
         for which in (*self._kind_lines.values(), self._group_lines, self._usemtl_lines):
             rest[which] = False
         self._element_lines = {}
-        for letter in _ELEMENTS:
+        for letter in _MIN_VERTICES:
             is_element = rest & blank & (first == ord(letter))
             self._element_lines[letter] = np.flatnonzero(is_element)
             rest &= ~is_element
@@ -149,16 +149,18 @@ class _ObjFile:
         self._is_valid: dict[str, NDArray[np.bool_]] = {}
         what = {"v": "a vertex", "vt": "a texture coordinate", "vn": "a normal"}
         for kind, which in self._kind_lines.items():
-            self._budget.take(f"{len(which)} rows of {kind}", len(which) * ROW_BYTES)
-            values, counts = number_rows(
+            self._budget.take(f"{len(which)} rows of {kind}", len(which) * MEMORY_PER_ROW)
+            values, counts = parse_rows(
                 self._lines, which, len(kind), _MIN_NUMBERS[kind], what[kind], self._damage
             )
-            self._tables[kind], self._is_valid[kind] = row_table(values, counts, _MAX_NUMBERS[kind])
+            self._tables[kind], self._is_valid[kind] = make_row_table(
+                values, counts, _MAX_NUMBERS[kind]
+            )
         if self._tables["vt"].shape[1] == 1:
             table = self._tables["vt"]
             self._tables["vt"] = np.hstack([table, np.zeros_like(table)])
 
-    def _statements(self) -> tuple[list[str], list[str], NDArray[np.int64]]:
+    def _read_materials(self) -> tuple[list[str], list[str], NDArray[np.int64]]:
         """Return the MTL files, the names of the used materials, and the lines that select them."""
         names, used, at = [], [], []
         for line in self._usemtl_lines.tolist():
@@ -176,22 +178,24 @@ class _ObjFile:
 
     def _read_faces(self, material_lines: NDArray[np.int64]) -> None:
         """Parse the references of all faces' corners, from 0; -1 where a corner has none."""
-        self._refs, self._counts, self._lines_of_faces = self._refs_of("f", self._face_lines, 3)
+        self._refs, self._counts, self._lines_of_faces = self._read_references(
+            "f", self._face_lines, 3
+        )
         self._drop_damaged_faces()
         self._material_of_faces = np.searchsorted(material_lines, self._lines_of_faces)
 
-    def _refs_of(
+    def _read_references(
         self, letter: str, which: NDArray[np.int64], least: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Return references, number of corners and line of each statement."""
         refs, counts, lines = [np.zeros((0, 3), np.int64)], [], []
-        for batch in self._lines.batches(which):
+        for batch in self._lines.split_batches(which):
             batch_result = self._read_batch(batch, least)
             if batch_result is None:
                 batch_result = self._read_batch_by_line(letter, batch, least)
             self._budget.take(
                 "the corners of its faces",
-                len(batch) * ROW_BYTES + len(batch_result[0]) * CORNER_BYTES,
+                len(batch) * MEMORY_PER_ROW + len(batch_result[0]) * MEMORY_PER_CORNER,
             )
             refs.append(batch_result[0])
             counts.append(batch_result[1])
@@ -203,11 +207,11 @@ class _ObjFile:
         self, which: NDArray[np.int64], least: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
         """Parse faces at once: references, corners of each face, lines; None for a damaged line."""
-        content, offsets = self._lines.content(which, 1)
+        content, offsets = self._lines.gather_bytes(which, 1)
         slashes = content == ord("/")
         without_slashes = np.where(slashes, np.uint8(ord(" ")), content)
         # A number begins a corner, or is behind a slash or two.
-        starts = np.flatnonzero(word_starts(without_slashes))
+        starts = np.flatnonzero(mark_word_starts(without_slashes))
         slashed = [slashes[np.maximum(starts - back, 0)] for back in (1, 2, 3)]
         begins = np.flatnonzero(~slashed[0])
         counts = np.diff(np.searchsorted(starts[begins], offsets), append=len(begins))
@@ -215,7 +219,7 @@ class _ObjFile:
             return None
         if (slashes[1:] & (content[:-1] <= ord(" "))).any() or slashes[:1].any():
             return None
-        numbers = parse(without_slashes, len(starts), np.int64)
+        numbers = parse_numbers(without_slashes, len(starts), np.int64)
         if numbers is None or (numbers == 0).any():
             return None
         sizes = np.diff(begins, append=len(starts))
@@ -225,9 +229,11 @@ class _ObjFile:
             return None
         refs = np.zeros((len(begins), 3), np.int64)
         refs.reshape(-1)[np.repeat(np.arange(0, refs.size, 3), sizes) + slot] = numbers
-        return self._resolve(refs, np.repeat(which, counts)), counts, which
+        return self._resolve_references(refs, np.repeat(which, counts)), counts, which
 
-    def _resolve(self, refs: NDArray[np.int64], lines: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _resolve_references(
+        self, refs: NDArray[np.int64], lines: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
         """Convert references to count from 0; negative ones count back from their line."""
         negative = refs < 0
         refs = refs - 1
@@ -249,11 +255,11 @@ class _ObjFile:
         for line in which.tolist():
             words = self._lines.text(line)[1:].split("#", 1)[0].split()
             try:
-                corners = [_corner(word) for word in words]
+                corners = [_parse_corner(word) for word in words]
             except ValueError:
                 corners = []
             if len(corners) < least:
-                self._damage.line(self._lines, line, _EXPECTED_STATEMENTS[letter])
+                self._damage.report_line(self._lines, line, _EXPECTED_STATEMENTS[letter])
                 continue
             rows += corners
             counts.append(len(corners))
@@ -261,7 +267,7 @@ class _ObjFile:
         lines = np.array(good, np.int64)
         number = np.array(counts, np.int64)
         refs = np.array(rows, np.int64).reshape(-1, 3)
-        return self._resolve(refs, np.repeat(lines, number)), number, lines
+        return self._resolve_references(refs, np.repeat(lines, number)), number, lines
 
     def _drop_damaged_faces(self) -> None:
         """Report and drop faces with references to missing vertices."""
@@ -284,7 +290,7 @@ class _ObjFile:
         sizes = ", ".join(f"{len(self._is_valid[kind])} {kind}" for kind in _REFERENCE_KINDS)
         for face in np.flatnonzero(bad_faces).tolist():
             expected = f"a face among {sizes}"
-            self._damage.line(self._lines, int(self._lines_of_faces[face]), expected)
+            self._damage.report_line(self._lines, int(self._lines_of_faces[face]), expected)
         self._refs = self._refs[~bad_faces[faces]]
         self._counts = self._counts[~bad_faces]
         self._lines_of_faces = self._lines_of_faces[~bad_faces]
@@ -297,10 +303,10 @@ class _ObjFile:
         file of vertices alone is a cloud of them.
         """
         names, count = Names(), 0
-        for part in self._meshes(names) if len(self._counts) else ():
+        for part in self._make_meshes(names) if len(self._counts) else ():
             count += 1
             yield part
-        elements: list[Geometry] = [*self._lines_data(names), *self._points_data(names)]
+        elements: list[Geometry] = [*self._make_lines(names), *self._make_points(names)]
         for element in elements:
             count += 1
             yield element
@@ -314,13 +320,16 @@ class _ObjFile:
         table = self._tables["v"][valid]
         normals = self._tables["vn"] if len(self._tables["vn"]) == len(valid) else None
         normals = None if normals is None else normals[valid]
-        yield Cloud(self._object_name() or self._path.name, table[:, :3], _colors(table), normals)
+        name = self._find_object_name() or self._path.name
+        yield Cloud(name, table[:, :3], _convert_colors(table), normals)
 
-    def _element_groups(
+    def _group_elements(
         self, letter: str
     ) -> Iterator[tuple[str | None, NDArray[np.int64], NDArray[np.int64]]]:
         """Yield name, vertex numbers and their count per statement, for each material."""
-        refs, counts, lines = self._refs_of(letter, self._element_lines[letter], _ELEMENTS[letter])
+        refs, counts, lines = self._read_references(
+            letter, self._element_lines[letter], _MIN_VERTICES[letter]
+        )
         numbers, valid = refs[:, 0], self._is_valid["v"]
         is_reference_valid = numbers < len(valid)
         is_reference_valid[is_reference_valid] = valid[numbers[is_reference_valid]]
@@ -329,15 +338,15 @@ class _ObjFile:
         is_whole[statements[~is_reference_valid]] = False
         for row in np.flatnonzero(~is_whole).tolist():
             expected = f"vertices among {len(valid)} v"
-            self._damage.line(self._lines, int(lines[row]), expected)
+            self._damage.report_line(self._lines, int(lines[row]), expected)
         used = np.searchsorted(self._material_lines, lines)
         for number in np.unique(used[is_whole]).tolist():
             rows = is_whole & (used == number)
             yield self._material_names[number], numbers[rows[statements]], counts[rows]
 
-    def _lines_data(self, names: Names) -> Iterator[LineSet]:
+    def _make_lines(self, names: Names) -> Iterator[LineSet]:
         """Yield the lines of each material."""
-        for name, numbers, counts in self._element_groups("l"):
+        for name, numbers, counts in self._group_elements("l"):
             used, picked = np.unique(numbers, return_inverse=True)
             has_next = np.ones(len(numbers), bool)
             has_next[np.cumsum(counts) - 1] = False
@@ -346,26 +355,29 @@ class _ObjFile:
             table = self._tables["v"][used]
             yield LineSet(
                 names.unique("lines"), table[:, :3],
-                np.column_stack([picked[starts], picked[starts + 1]]), _colors(table),
-                material=self._unlit(name),
+                np.column_stack([picked[starts], picked[starts + 1]]), _convert_colors(table),
+                material=self._make_unlit(name),
             )  # fmt: skip
 
-    def _points_data(self, names: Names) -> Iterator[Cloud]:
+    def _make_points(self, names: Names) -> Iterator[Cloud]:
         """Yield the points of each material."""
-        for name, numbers, _ in self._element_groups("p"):
+        for name, numbers, _ in self._group_elements("p"):
             table = self._tables["v"][numbers]
             yield Cloud(
-                names.unique("points"), table[:, :3], _colors(table), material=self._unlit(name)
+                names.unique("points"),
+                table[:, :3],
+                _convert_colors(table),
+                material=self._make_unlit(name),
             )
 
-    def _unlit(self, name: str | None) -> Material | None:
+    def _make_unlit(self, name: str | None) -> Material | None:
         """Return the base colour of a material as an unlit material."""
         material = self._library.material(name)
         if material is None or material.base_color is None:
             return None
         return Material(shading="unlit", base_color=material.base_color, name=material.name)
 
-    def _meshes(self, names: Names) -> Iterator[MeshData]:
+    def _make_meshes(self, names: Names) -> Iterator[MeshData]:
         """Yield a mesh for each material, the last one first."""
         numbers: dict[str | None, int] = {}
         same = [numbers.setdefault(name, len(numbers)) for name in self._material_names]
@@ -377,7 +389,7 @@ class _ObjFile:
         groups.sort(key=lambda group: int(group[0]), reverse=True)
         begins = np.cumsum(self._counts) - self._counts
         by_number = list(numbers)
-        object_name = self._object_name()
+        object_name = self._find_object_name()
         several = len(self._library.materials) > 1
         for group in groups:
             material = by_number[int(of_faces[group[0]])]
@@ -389,19 +401,19 @@ class _ObjFile:
             total = int(counts.sum())
             shift = begins[group] - (np.cumsum(counts) - counts)
             refs = self._refs[np.arange(total) + np.repeat(shift, counts)]
-            yield self._mesh_data(names.unique(name), material, refs, counts)
+            yield self._make_mesh(names.unique(name), material, refs, counts)
 
-    def _object_name(self) -> str | None:
+    def _find_object_name(self) -> str | None:
         """Return the name of an ``o`` statement, if it comes before all groups and materials."""
         first = int(self._group_lines[0]) if len(self._group_lines) else -1
-        if first < 0 or self._lines.char(0)[first] != ord("o"):
+        if first < 0 or self._lines.byte_at(0)[first] != ord("o"):
             return None
         for line in self._usemtl_lines[self._usemtl_lines < first].tolist():
             if self._lines.text(line).startswith("usemtl"):
                 return None
         return self._lines.text(first)[1:].strip() or None
 
-    def _mesh_data(
+    def _make_mesh(
         self, name: str, material_name: str | None, refs: NDArray[np.int64],
         counts: NDArray[np.int64],
     ) -> MeshData:  # fmt: skip
@@ -413,7 +425,7 @@ class _ObjFile:
         if has_normals:
             # Corners without a normal, -1, have one of their own: none is below zero.
             numbers[:, -1] += 1
-        rows, which = unique_rows(numbers)
+        rows, which = number_rows(numbers)
         references = refs[rows]
         uv = self._tables["vt"][references[:, 1]] if has_uv and len(self._tables["vt"]) else None
         normals, lacks_normal = None, references[:, 2] < 0
@@ -429,20 +441,20 @@ class _ObjFile:
         if table.shape[1] == 6 and material is not None:
             self._left_out.note(COLORS_NOTE)
         else:
-            colors = _colors(table)
+            colors = _convert_colors(table)
         is_even = bool((counts == counts[0]).all())
-        corners, _ = triangles(counts, by_size=is_even)
+        corners, _ = triangulate(counts, by_size=is_even)
         faces = which[corners]
         bare = np.any(lacks_normal[faces], axis=1) if has_normals else None
         return MeshData(name, table[:, :3], faces, normals, uv, colors, material, bare=bare)
 
 
-def _colors(table: NDArray[np.float64]) -> NDArray[np.float32] | None:
+def _convert_colors(table: NDArray[np.float64]) -> NDArray[np.float32] | None:
     """Return the colours after positions, linear RGBA, or None."""
-    return srgb_rgba(table[:, 3:]) if table.shape[1] == 6 else None
+    return srgb_to_rgba(table[:, 3:]) if table.shape[1] == 6 else None
 
 
-def _corner(word: str) -> list[int]:
+def _parse_corner(word: str) -> list[int]:
     """Parse the three numbers of a corner, 0 for a missing one, or raise ``ValueError``."""
     parts = word.split("/")
     numbers = [int(part) if part else 0 for part in parts]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.resources import Resources
 from rasterjit.io.text import mesh_builder
-from rasterjit.io.text.number_parser import Damage, TextLines, number_rows, row_table
+from rasterjit.io.text.number_parser import Damage, TextLines, make_row_table, parse_rows
 from rasterjit.scene.material import Material
 
 _HEADER = re.compile(r"(?:ST)?C?N?OFF(?![A-Z])(.*)", re.IGNORECASE)
@@ -59,48 +59,51 @@ def read_off(
         ) from None
     rows = filled[at + 1 : at + 1 + vertex_count]
     if len(rows) < vertex_count:
-        damage.end(f"{vertex_count} vertices, as its head says", str(len(rows)))
-    values, counts_found = number_rows(lines, rows, 0, 3, "a vertex", damage)
+        damage.report_end(f"{vertex_count} vertices, as its head says", str(len(rows)))
+    values, counts_found = parse_rows(lines, rows, 0, 3, "a vertex", damage)
     letters = header[0][: header[0].upper().index("OFF")].upper()
-    table, valid = row_table(values, counts_found, _MAX_NUMBERS)
+    table, valid = make_row_table(values, counts_found, _MAX_NUMBERS)
     vertices, width = table[:, :3], table.shape[1]
     begin = 6 if "N" in letters else 3
     end = width - 2 if "ST" in letters else width
-    vertex_colors = _colors(table[:, begin:end]) if "C" in letters and valid.any() else None
+    vertex_colors = _convert_colors(table[:, begin:end]) if "C" in letters and valid.any() else None
     kinds = [name for letter, name in _UNREAD_DATA.items() if letter in letters]
     if width > 3 and (kinds or vertex_colors is None):
         left_out.note(f"{' and '.join(kinds) or 'further numbers'} of a vertex", int(valid.sum()))
     rows = filled[at + 1 + vertex_count : at + 1 + vertex_count + face_count]
     if len(rows) < face_count:
-        damage.end(f"{face_count} faces, as its head says", str(len(rows)))
+        damage.report_end(f"{face_count} faces, as its head says", str(len(rows)))
     extra = filled[at + 1 + vertex_count + face_count :]
     if len(extra):
-        damage.line(lines, int(extra[0]), f"nothing after {face_count} faces")
-    values, counts_found = number_rows(lines, rows, 0, 1, "a face", damage)
+        damage.report_line(lines, int(extra[0]), f"nothing after {face_count} faces")
+    values, counts_found = parse_rows(lines, rows, 0, 1, "a face", damage)
     rows, counts_found = rows[counts_found > 0], counts_found[counts_found > 0]
     begins = np.cumsum(counts_found) - counts_found
     sizes = values[begins]
     is_whole = (sizes == np.floor(sizes)) & (sizes >= 0) & (sizes < counts_found)
     for line in rows[~is_whole].tolist():
-        damage.line(lines, line, f"{_FACE_FORMAT} {len(valid)}")
+        damage.report_line(lines, line, f"{_FACE_FORMAT} {len(valid)}")
     rows, begins, counts = rows[is_whole], begins[is_whole] + 1, sizes[is_whole].astype(np.int64)
     extra, ends = counts_found[is_whole] - counts - 1, begins + counts
     shift = begins - (np.cumsum(counts) - counts)
     corners = values[np.arange(int(counts.sum())) + np.repeat(shift, counts)]
     resources.budget.take(
-        "the corners of its faces", len(corners) * mesh_builder.POLYGON_CORNER_BYTES
+        "the corners of its faces", len(corners) * mesh_builder.POLYGON_CORNER_MEMORY
     )
-    corners, counts, face_numbers = mesh_builder.valid_polygons(
-        corners, counts, valid,
-        lambda face: damage.line(lines, int(rows[face]), f"{_FACE_FORMAT} {len(valid)}"), left_out,
-    )  # fmt: skip
+
+    def report_face(row: int) -> None:
+        damage.report_line(lines, int(rows[row]), f"{_FACE_FORMAT} {len(valid)}")
+
+    corners, counts, face_numbers = mesh_builder.select_polygons(
+        corners, counts, valid, report_face, left_out
+    )
     if not len(counts):
         raise MeshFileError(f"{path} holds a mesh of {len(vertices)} vertices, no faces")
-    faces, polygons = mesh_builder.triangles(counts, by_size=True)
+    faces, polygons = mesh_builder.triangulate(counts, by_size=True)
     face_colors, is_colored = None, extra > 0
     width = extra.max(initial=0)
     if vertex_colors is None and (extra[is_colored] == width).all() and width:
-        found_colors = _colors(values[ends[is_colored, np.newaxis] + np.arange(width)])
+        found_colors = _convert_colors(values[ends[is_colored, np.newaxis] + np.arange(width)])
         if found_colors is not None:
             # The others look as they would without any colours.
             face_colors = np.full((len(extra), 4), Material().base_color_over(False), np.float32)
@@ -115,9 +118,9 @@ def read_off(
     return [mesh_builder.MeshData(path.name, vertices, corners[faces], colors=colors)]
 
 
-def _colors(codes: NDArray[np.float64]) -> NDArray[np.float32] | None:
+def _convert_colors(codes: NDArray[np.float64]) -> NDArray[np.float32] | None:
     """Return sRGB colours, bytes or 0..1, as linear RGBA; None if they are none."""
     if codes.shape[1] not in (3, 4) or not np.isfinite(codes).all():
         return None
     is_bytes = bool((codes == np.floor(codes)).all() and codes.max() > 1.0)
-    return mesh_builder.srgb_rgba(codes / 255.0 if is_bytes else codes)
+    return mesh_builder.srgb_to_rgba(codes / 255.0 if is_bytes else codes)

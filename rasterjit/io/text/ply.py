@@ -19,34 +19,40 @@ from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Cloud, LineSet
-from rasterjit.io.resources import RefusedFileError, Resources, quoted_name
+from rasterjit.io.resources import RefusedFileError, Resources, quote_name
 from rasterjit.io.text.mesh_builder import (
     COLORS_NOTE,
-    POLYGON_CORNER_BYTES,
+    POLYGON_CORNER_MEMORY,
     Geometry,
     MeshData,
     Names,
     normalize_names,
-    srgb_rgba,
-    strip_triangles,
-    triangles,
-    unique_rows,
-    valid_polygons,
+    number_rows,
+    select_polygons,
+    srgb_to_rgba,
+    triangulate,
+    triangulate_strips,
 )
 from rasterjit.io.text.mtl import MtlMaterial, convert_mtl_material
-from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, line_end, number_rows
+from rasterjit.io.text.number_parser import (
+    MEMORY_PER_BINARY_BYTE,
+    Damage,
+    TextLines,
+    find_line_ending,
+    parse_rows,
+)
 from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.texture import Texture
 
-_TYPES = {
+_DTYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
     "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
     "int64": "i8", "uint64": "u8", "float": "f4", "double": "f8", "float16": "f2",
     "float32": "f4", "float64": "f8",
 }  # fmt: skip
 
-_ORDERS: dict[str, Literal["=", "<", ">"]] = {
+_BYTE_ORDERS: dict[str, Literal["=", "<", ">"]] = {
     "ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">",
 }  # fmt: skip
 
@@ -78,7 +84,7 @@ _KNOWN_NAMES = (
 )  # fmt: skip
 """Names of properties that are read in any case."""
 
-_RESTART = -1
+_RESTART_INDEX = -1
 """Index that restarts a strip: -1, or the largest of an unsigned type."""
 
 _TEXTURE_COMMENT = re.compile(
@@ -156,7 +162,7 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     """Return the mesh of a PLY file, else its edges, else its points, or raise `MeshFileError`."""
     data = resources.read_mesh_file(path)
     try:
-        order, elements, pictures, at = _read_head(data)
+        order, elements, pictures, at = _read_header(data)
     except ValueError as error:
         raise MeshFileError(f"{path} could not be read as .ply: {error}") from None
     lines = None
@@ -164,7 +170,7 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         lines = TextLines(data, resources.budget, at)
         _read_text(lines, elements, damage)
     else:
-        resources.budget.take("its rows", BINARY_BYTES * len(data))
+        resources.budget.take("its rows", MEMORY_PER_BINARY_BYTE * len(data))
         _read_binary(data, at, elements, damage)
     by_name = {element.name: element for element in elements}
     for name, element in by_name.items():
@@ -178,33 +184,33 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     ends = None if edge is None else edge.stack(_EDGE_ENDS)
     polygons = None
     if face is not None:
-        polygons = _polygons(face, vertex.valid, lines, damage, left_out, resources.budget)
+        polygons = _select_faces(face, vertex.valid, lines, damage, left_out, resources.budget)
     if face is None or polygons is None or not len(polygons.counts):
         if edge is not None and ends is not None and len(ends):
             left_out.mark_read("element 'edge'", edge.length)
-            return [_edge_lines(path, vertex, edge, ends, damage, left_out)]
+            return [_make_edge_lines(path, vertex, edge, ends, damage, left_out)]
         left_out.expect("texture file", len(pictures))
-        return [_vertex_points(path, vertex, left_out)]
-    return _meshes(path.name, vertex, face, polygons, pictures, resources, left_out)
+        return [_make_cloud(path, vertex, left_out)]
+    return _make_meshes(path.name, vertex, face, polygons, pictures, resources, left_out)
 
 
-def _vertex_points(path: Path, vertex: _Element, left_out: LeftOut) -> Cloud:
+def _make_cloud(path: Path, vertex: _Element, left_out: LeftOut) -> Cloud:
     """Return the vertices of a file without faces as a cloud, without damaged ones."""
     valid = vertex.valid
     positions, normals = vertex.stack(_POSITION), vertex.stack(_NORMAL)
     if positions is None or not valid.any():
         raise MeshFileError(f"{path} holds a point cloud of no points")
-    colors = _colors(vertex)
+    colors = _stack_colors(vertex)
     used = vertex.present(_POSITION) | vertex.present(_NORMAL) | vertex.present(*_COLORS)
     return Cloud(
         path.name, positions[valid].astype(np.float64),
-        None if colors is None else srgb_rgba(colors[valid]),
+        None if colors is None else srgb_to_rgba(colors[valid]),
         None if normals is None else normals[valid],
         {name: values[valid] for name, values in vertex.attributes(left_out, used).items()},
     )  # fmt: skip
 
 
-def _edge_lines(
+def _make_edge_lines(
     path: Path, vertex: _Element, edge: _Element, ends: NDArray[Any], damage: Damage,
     left_out: LeftOut,
 ) -> LineSet:  # fmt: skip
@@ -214,23 +220,23 @@ def _edge_lines(
     sound[sound] = valid[ends[sound].astype(np.int64)].all(axis=1)
     for row in np.flatnonzero(edge.valid & ~sound).tolist():
         expected = f"numbers of vertices below {len(valid)} in an edge"
-        damage.end(expected, f"{ends[row].tolist()} in edge {row}")
+        damage.report_end(expected, f"{ends[row].tolist()} in edge {row}")
     if positions is None or not sound.any():
         raise MeshFileError(f"{path} holds edges, none of which joins two of its vertices")
-    of_vertices, of_edges = _colors(vertex), _colors(edge)
+    of_vertices, of_edges = _stack_colors(vertex), _stack_colors(edge)
     colors = of_vertices if of_edges is None else of_edges[sound]
     attributes = edge.attributes(left_out, edge.present(*_COLORS) | set(_EDGE_ENDS))
     used = vertex.present(_POSITION) | (vertex.present(*_COLORS) if of_edges is None else set())
     return LineSet(
         path.name, np.where(valid[:, np.newaxis], positions, 0.0).astype(np.float64),
         ends[sound].astype(np.int64),
-        None if colors is None else srgb_rgba(colors),
+        None if colors is None else srgb_to_rgba(colors),
         of_edges is not None, vertex.attributes(left_out, used),
         {name: values[sound] for name, values in attributes.items()},
     )  # fmt: skip
 
 
-def _read_head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
+def _read_header(data: bytes) -> tuple[str, list[_Element], list[str], int]:
     """
     Read the header of a file, or raise ``ValueError``.
 
@@ -245,7 +251,7 @@ def _read_head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
         Where the rows begin.
     """
     # Line by line, up to end_header.
-    order, at, number, ending = None, 0, 0, line_end(data)
+    order, at, number, ending = None, 0, 0, find_line_ending(data)
     elements: list[_Element] = []
     pictures: dict[str, None] = {}
     while True:
@@ -265,9 +271,9 @@ def _read_head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
         elif words[0] == "end_header":
             break
         elif words[0] == "format":
-            order = _ORDERS.get(words[1].lower()) if len(words) > 1 else None
+            order = _BYTE_ORDERS.get(words[1].lower()) if len(words) > 1 else None
             if order is None:
-                raise ValueError(f"line {number}: format must be one of {', '.join(_ORDERS)}")
+                raise ValueError(f"line {number}: format must be one of {', '.join(_BYTE_ORDERS)}")
         elif words[0] in ("element", "property"):
             try:
                 _add_declaration(words, elements)
@@ -305,10 +311,10 @@ def _add_declaration(words: list[str], elements: list[_Element]) -> None:
         return
     if words[1] == "list":
         _, _, count, dtype, name = words
-        declared = _Property(name, np.dtype(_TYPES[dtype]), np.dtype(_TYPES[count]))
+        declared = _Property(name, np.dtype(_DTYPES[dtype]), np.dtype(_DTYPES[count]))
     else:
         _, dtype, name = words
-        declared = _Property(name, np.dtype(_TYPES[dtype]))
+        declared = _Property(name, np.dtype(_DTYPES[dtype]))
     if any(one.name == name for one in elements[-1].properties):
         raise ValueError(name)
     elements[-1].properties.append(declared)
@@ -324,12 +330,12 @@ def _read_text(lines: TextLines, elements: list[_Element], damage: Damage) -> No
         rows = filled[at : at + element.length]
         at += len(rows)
         if len(rows) < element.length:
-            damage.end(
+            damage.report_end(
                 f"{element.length} lines of {element.name}, as its head says", str(len(rows))
             )
         what = f"{element.name} ({', '.join(one.name for one in element.properties)})"
         least = len(element.properties)
-        values, counts_found = number_rows(lines, rows, 0, least, what, damage)
+        values, counts_found = parse_rows(lines, rows, 0, least, what, damage)
         element.lines, element.valid = rows, counts_found > 0
         begin = np.cumsum(counts_found) - counts_found
         end = begin + counts_found
@@ -352,7 +358,7 @@ def _read_text(lines: TextLines, elements: list[_Element], damage: Damage) -> No
             begin = begin + counts
         _mark_invalid(element, begin == end, lines, what, damage)
     if at < len(filled):
-        damage.line(lines, int(filled[at]), "no line behind those that its head says")
+        damage.report_line(lines, int(filled[at]), "no line behind those that its head says")
 
 
 def _mark_invalid(
@@ -362,7 +368,7 @@ def _mark_invalid(
     bad = element.valid & ~fits
     numbers = np.zeros(len(bad), np.int64) if element.lines is None else element.lines
     for row in np.flatnonzero(bad).tolist():
-        damage.line(lines, int(numbers[row]), f"as many numbers as {what} has")
+        damage.report_line(lines, int(numbers[row]), f"as many numbers as {what} has")
     element.valid &= ~bad
 
 
@@ -381,21 +387,23 @@ def _read_binary(data: bytes, at: int, elements: list[_Element], damage: Damage)
         max_rows = max(0, (len(data) - at) // row_bytes)
         if all(one.count_dtype is None for one in element.properties):
             length = min(element.length, max_rows)
-            rows = np.frombuffer(data, _row_type(element, {}), length, at) if length else None
+            rows = np.frombuffer(data, _make_row_type(element, {}), length, at) if length else None
             _store_rows(element, rows, {})
             at += length * row_bytes
         else:
             length, at = _read_lists(data, at, element)
         element.valid = np.ones(length, bool)
         if length < element.length:
-            damage.end(f"{element.length} rows of {element.name}, as its head says", str(length))
+            damage.report_end(
+                f"{element.length} rows of {element.name}, as its head says", str(length)
+            )
             at = len(data)
     rest = data[at:]
     if rest.strip():
-        damage.end("nothing after the rows that its head says", f"{len(rest)} bytes")
+        damage.report_end("nothing after the rows that its head says", f"{len(rest)} bytes")
 
 
-def _row_type(element: _Element, counts: dict[str, int]) -> np.dtype:
+def _make_row_type(element: _Element, counts: dict[str, int]) -> np.dtype:
     """Return the type of a row whose lists have given lengths."""
     fields: list[tuple[Any, ...]] = []
     for number, one in enumerate(element.properties):
@@ -419,12 +427,12 @@ def _store_rows(element: _Element, rows: NDArray[Any] | None, counts: dict[str, 
 
 def _read_lists(data: bytes, at: int, element: _Element) -> tuple[int, int]:
     """Read rows with lists; return the number of complete rows, and their end."""
-    first = _row_layout(data, at, element)
+    first = _read_layout(data, at, element)
     if first is None:
         _store_rows(element, None, {})
         return 0, at
     counts = {one.name: first[1][n] for n, one in enumerate(element.properties)}
-    dtype = _row_type(element, counts)
+    dtype = _make_row_type(element, counts)
     if element.length * dtype.itemsize <= len(data) - at:
         rows = np.frombuffer(data, dtype, element.length, at)
         if all(
@@ -438,7 +446,7 @@ def _read_lists(data: bytes, at: int, element: _Element) -> tuple[int, int]:
     numbers = [array("q") for _ in element.properties]
     length = 0
     while length < element.length:
-        row = _row_layout(data, at, element)
+        row = _read_layout(data, at, element)
         if row is None:
             break
         begins, row_counts, at = row
@@ -454,7 +462,9 @@ def _read_lists(data: bytes, at: int, element: _Element) -> tuple[int, int]:
     return length, at
 
 
-def _row_layout(data: bytes, at: int, element: _Element) -> tuple[list[int], list[int], int] | None:
+def _read_layout(
+    data: bytes, at: int, element: _Element
+) -> tuple[list[int], list[int], int] | None:
     """Return offsets and counts of a row's values, and its end; None if it is cut short."""
     begins, counts = [], []
     for one in element.properties:
@@ -511,8 +521,8 @@ class _Polygons(NamedTuple):
 def _merge_strips(by_name: dict[str, _Element], left_out: LeftOut) -> _Element | None:
     """Return the faces of a file followed by the triangles of its strips; None without any."""
     face, strips = by_name.get("face"), by_name.get(_STRIPS)
-    name = None if face is None else _corner_name(face)
-    of_strips = None if strips is None else _corner_name(strips)
+    name = None if face is None else _find_corners(face)
+    of_strips = None if strips is None else _find_corners(strips)
     if face is not None and name is not None:
         left_out.mark_read("element 'face'", face.length)
     if strips is None or of_strips is None:
@@ -538,14 +548,17 @@ def _merge_strips(by_name: dict[str, _Element], left_out: LeftOut) -> _Element |
 def _triangulate_strips(strips: _Element, of_strips: str, name: str) -> _Element:
     """Return the triangles of strips as faces, with the single values of their strips."""
     corners, counts = strips.columns[of_strips], strips.counts[of_strips]
-    restarts = {_RESTART, *([np.iinfo(corners.dtype).max] if corners.dtype.kind == "u" else [])}
+    restarts = {
+        _RESTART_INDEX,
+        *([np.iinfo(corners.dtype).max] if corners.dtype.kind == "u" else []),
+    }
     ends = np.isin(corners, list(restarts))
     of_corners = np.repeat(np.arange(len(counts)), counts)[~ends]
     # A strip goes on to its end, or to where it begins anew.
     run = (np.cumsum(ends) + np.repeat(np.arange(len(counts)), counts))[~ends]
     begins = np.flatnonzero(np.diff(run, prepend=-1))
     lengths = np.diff(begins, append=len(run))
-    corner_rows, of_runs = strip_triangles(lengths)
+    corner_rows, of_runs = triangulate_strips(lengths)
     rows = of_corners[begins[of_runs]] if len(begins) else np.zeros(0, np.int64)
     triangles_element = _Element("face", len(rows), valid=strips.valid[rows])
     triangles_element.columns[name] = corners[~ends][corner_rows].reshape(-1)
@@ -557,7 +570,7 @@ def _triangulate_strips(strips: _Element, of_strips: str, name: str) -> _Element
     return triangles_element
 
 
-def _polygons(
+def _select_faces(
     face: _Element,
     valid: NDArray[np.bool_],
     lines: TextLines | None,
@@ -566,7 +579,7 @@ def _polygons(
     budget: MemoryBudget,
 ) -> _Polygons | None:
     """Return the valid faces; None if there are no lists of corners."""
-    name = _corner_name(face)
+    name = _find_corners(face)
     if name is None:
         return None
     counts = face.counts[name]
@@ -575,24 +588,24 @@ def _polygons(
     def report(row: int) -> None:
         expected = f"numbers of vertices below {len(valid)} in a face"
         if lines is not None and face.lines is not None:
-            damage.line(lines, int(face.lines[row]), expected)
+            damage.report_line(lines, int(face.lines[row]), expected)
         else:
             begin = int(begins[row])
             corner_numbers = face.columns[name][begin : begin + int(counts[row])][:8].tolist()
-            damage.end(expected, f"{corner_numbers} in face {row}")
+            damage.report_end(expected, f"{corner_numbers} in face {row}")
 
-    budget.take("the corners of its faces", len(face.columns[name]) * POLYGON_CORNER_BYTES)
-    corners, sizes, rows = valid_polygons(face.columns[name], counts, valid, report, left_out)
+    budget.take("the corners of its faces", len(face.columns[name]) * POLYGON_CORNER_MEMORY)
+    corners, sizes, rows = select_polygons(face.columns[name], counts, valid, report, left_out)
     return _Polygons(corners, sizes, rows, counts)
 
 
-def _corner_name(face: _Element) -> str | None:
+def _find_corners(face: _Element) -> str | None:
     """Return the name of the lists of corners, or None."""
     name = next((one for one in _INDEX_LISTS if one in face.counts), None)
     return next(iter(face.counts)) if name is None and len(face.counts) == 1 else name
 
 
-def _meshes(
+def _make_meshes(
     name: str,
     vertex: _Element,
     face: _Element,
@@ -602,30 +615,30 @@ def _meshes(
     left_out: LeftOut,
 ) -> list[Geometry]:
     """Return a mesh for each texture file that faces use, or one."""
-    has_uv = bool(_corner_uv_name(face, polygons) or vertex.present(*_UV))
+    has_uv = bool(_find_corner_uv(face, polygons) or vertex.present(*_UV))
     if not has_uv:
         left_out.expect("texture file without texture coordinates", len(pictures))
-        return [_mesh(name, vertex, face, polygons, None, left_out)]
+        return [_make_mesh(name, vertex, face, polygons, None, left_out)]
     if len(pictures) < 2:
-        texture = _texture(pictures[0], resources, left_out) if pictures else None
-        return [_mesh(name, vertex, face, polygons, texture, left_out)]
-    numbers = _picture_numbers(vertex, face, polygons)
+        texture = _read_texture(pictures[0], resources, left_out) if pictures else None
+        return [_make_mesh(name, vertex, face, polygons, texture, left_out)]
+    numbers = _find_textures(vertex, face, polygons)
     if numbers is None:
         left_out.note("further texture file, which no face names", len(pictures) - 1)
-        texture = _texture(pictures[0], resources, left_out)
-        return [_mesh(name, vertex, face, polygons, texture, left_out)]
+        texture = _read_texture(pictures[0], resources, left_out)
+        return [_make_mesh(name, vertex, face, polygons, texture, left_out)]
     parts: list[Geometry] = []
     names = Names()
     for number in np.unique(numbers).tolist():
         texture = None
         if 0 <= number < len(pictures):
-            texture = _texture(pictures[int(number)], resources, left_out)
+            texture = _read_texture(pictures[int(number)], resources, left_out)
         selected = polygons.select(numbers == number)
-        parts.append(_mesh(names.unique(name), vertex, face, selected, texture, left_out))
+        parts.append(_make_mesh(names.unique(name), vertex, face, selected, texture, left_out))
     return parts
 
 
-def _picture_numbers(vertex: _Element, face: _Element, polygons: _Polygons) -> NDArray[Any] | None:
+def _find_textures(vertex: _Element, face: _Element, polygons: _Polygons) -> NDArray[Any] | None:
     """Return the texture number of each polygon, by it or its first corner, or None."""
     for element in (face, vertex):
         name = next((one for one in _TEXTURE_NUMBERS if one in element.columns), None)
@@ -635,7 +648,7 @@ def _picture_numbers(vertex: _Element, face: _Element, polygons: _Polygons) -> N
     return None
 
 
-def _mesh(
+def _make_mesh(
     name: str,
     vertex: _Element,
     face: _Element,
@@ -648,11 +661,11 @@ def _mesh(
     corners, counts, rows, _ = polygons
     positions = vertex.stack(_POSITION)
     assert positions is not None
-    of_corners = _corner_uv_name(face, polygons)
+    of_corners = _find_corner_uv(face, polygons)
     numbers, uv_names = corners[:, np.newaxis], set()
     uv = None
     if of_corners is not None:
-        uv = _corner_uv(face, of_corners, polygons)
+        uv = _take_corner_uv(face, of_corners, polygons)
         numbers = np.column_stack([corners, distinct_rows(*uv.T)[0]])
     elif uv_names := vertex.present(*_UV):
         table = vertex.stack(next(one for one in _UV if set(one) == uv_names))
@@ -660,15 +673,15 @@ def _mesh(
     # A vertex for each that differs.
     which, vertex_corners = corners, None
     if uv is not None or not vertex.valid.all():
-        picked, which = unique_rows(numbers)
+        picked, which = number_rows(numbers)
         vertex_corners, uv = corners[picked], None if uv is None else uv[picked]
     # Triangles of the polygons.
-    cut, of_polygons = triangles(counts, by_size=True)
+    cut, of_polygons = triangulate(counts, by_size=True)
     # Colours, of vertices or of faces.
     of_vertices = vertex.present(*_COLORS)
-    colors, face_colors = _colors(vertex), set()
+    colors, face_colors = _stack_colors(vertex), set()
     if colors is None:
-        of_faces, face_colors = _colors(face), face.present(*_COLORS)
+        of_faces, face_colors = _stack_colors(face), face.present(*_COLORS)
         colors = None if of_faces is None else of_faces[rows[of_polygons]]
     # Other attributes of the vertices.
     used = vertex.present(_POSITION) | vertex.present(_NORMAL) | of_vertices | uv_names
@@ -687,9 +700,9 @@ def _mesh(
         left_out.note(COLORS_NOTE)
         colors = None
     elif colors is not None:
-        colors = srgb_rgba(colors)
+        colors = srgb_to_rgba(colors)
     # Other attributes of the faces.
-    used = {str(_corner_name(face)), str(of_corners), *_TEXTURE_NUMBERS, *face_colors}
+    used = {str(_find_corners(face)), str(of_corners), *_TEXTURE_NUMBERS, *face_colors}
     face_attributes = {
         name: values[rows[of_polygons]] for name, values in face.attributes(left_out, used).items()
     }
@@ -699,7 +712,7 @@ def _mesh(
     )  # fmt: skip
 
 
-def _corner_uv_name(face: _Element, polygons: _Polygons) -> str | None:
+def _find_corner_uv(face: _Element, polygons: _Polygons) -> str | None:
     """Return the name of the lists of corners' texture coordinates, or None."""
     for name in _CORNER_UV:
         uv_counts = face.counts.get(name)
@@ -708,7 +721,7 @@ def _corner_uv_name(face: _Element, polygons: _Polygons) -> str | None:
     return None
 
 
-def _corner_uv(face: _Element, name: str, polygons: _Polygons) -> NDArray[Any]:
+def _take_corner_uv(face: _Element, name: str, polygons: _Polygons) -> NDArray[Any]:
     """Return the texture coordinates of the corners of the polygons, (N, 2)."""
     is_kept = np.zeros(len(polygons.all_counts), bool)
     is_kept[polygons.rows] = True
@@ -716,21 +729,21 @@ def _corner_uv(face: _Element, name: str, polygons: _Polygons) -> NDArray[Any]:
     return pairs[np.repeat(is_kept, polygons.all_counts)]
 
 
-def _colors(element: _Element) -> NDArray[Any] | None:
+def _stack_colors(element: _Element) -> NDArray[Any] | None:
     """Return the colours of an element's rows, unconverted, or None."""
     rgba = element.stack(_COLORS[0])
     return element.stack(_COLORS[1]) if rgba is None else rgba
 
 
-def _texture(name: str, resources: Resources, left_out: LeftOut) -> Texture | None:
+def _read_texture(name: str, resources: Resources, left_out: LeftOut) -> Texture | None:
     """Return a texture file; None, with a note, if it cannot be read."""
     try:
         content = resources.read(name)
-        what = f"picture {quoted_name(name)}"
+        what = f"picture {quote_name(name)}"
         return Texture(resources.decoder.decode("picture", content, what, ()))
     except RefusedFileError as error:
         left_out.note(f"a file that it names: {reason_of(error)}")
     except Exception as error:
         # Pillow raises what it likes about a damaged picture.
-        left_out.note(f"picture {quoted_name(name)} that cannot be read: {reason_of(error)}")
+        left_out.note(f"picture {quote_name(name)} that cannot be read: {reason_of(error)}")
     return None

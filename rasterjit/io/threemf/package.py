@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from rasterjit.io.load_warnings import MissingFileError
-from rasterjit.io.resources import quoted_name, take_members
+from rasterjit.io.resources import quote_name, take_members
 from rasterjit.scene.memory_limits import MemoryBudget
 
 _ROOT_RELATIONSHIPS = "_rels/.rels"
@@ -24,7 +24,7 @@ _MODEL_RELATIONSHIP = "/3dmodel"
 
 _DEFAULT_MODEL = "3d/3dmodel.model"
 
-XML_BYTES = 24
+MEMORY_PER_XML_BYTE = 24
 """Memory of a byte of XML as a tree."""
 
 
@@ -46,7 +46,7 @@ class Package:
 
     def __init__(self, path: Path, budget: MemoryBudget) -> None:
         budget.take("the file", path.stat().st_size)
-        take_members(path, "3mf", XML_BYTES, budget)
+        take_members(path, "3mf", MEMORY_PER_XML_BYTE, budget)
         self._archive = zipfile.ZipFile(path)
         self._members = {_normalize(one): one for one in self._archive.namelist()}
 
@@ -54,10 +54,10 @@ class Package:
         """Close the archive."""
         self._archive.close()
 
-    def root_model(self) -> str:
+    def find_root(self) -> str:
         """Return the name of the root model, or raise `MissingFileError`."""
         if _ROOT_RELATIONSHIPS in self._members:
-            for one in self.xml_root(_ROOT_RELATIONSHIPS):
+            for one in self.read_xml(_ROOT_RELATIONSHIPS):
                 if one.get("Type", "").lower().endswith(_MODEL_RELATIONSHIP):
                     return _normalize(one.get("Target", ""))
         models = [name for name in self._members if name.endswith(".model")]
@@ -69,15 +69,15 @@ class Package:
     def content(self, name: str) -> bytes:
         """Return the content of a part, or raise `MissingFileError`."""
         if _normalize(name) not in self._members:
-            raise MissingFileError(f"its part {quoted_name(name)} is missing")
+            raise MissingFileError(f"its part {quote_name(name)} is missing")
         return self._archive.read(self._members[_normalize(name)])
 
-    def xml_root(self, name: str) -> ElementTree.Element:
+    def read_xml(self, name: str) -> ElementTree.Element:
         """Return the root element of a part that is XML, or raise ``ValueError``."""
         try:
             return _parse_xml(self.content(name))
         except expat.ExpatError as error:
-            raise ValueError(f"its part {quoted_name(name)}: {error}") from error
+            raise ValueError(f"its part {quote_name(name)}: {error}") from error
 
 
 def _normalize(name: str) -> str:
@@ -119,16 +119,19 @@ def _parse_xml(content: bytes) -> ElementTree.Element:
     return builder.close()
 
 
-def local_name(tag: object) -> str:
+def strip_prefix(tag: object) -> str:
     """Return the name of an element or attribute without its prefix."""
     return tag.rpartition(":")[2] if isinstance(tag, str) else ""
 
 
-def children(element: ElementTree.Element, name: str) -> list[ElementTree.Element]:
-    """Return the children of an element that have a name."""
-    return [one for one in element if local_name(one.tag) == name]
+def find_all(element: ElementTree.Element, *names: str) -> list[ElementTree.Element]:
+    """Return the elements at a path of names below an element."""
+    parents = [element]
+    for name in names:
+        parents = [one for parent in parents for one in parent if strip_prefix(one.tag) == name]
+    return parents
 
 
-def attribute(element: ElementTree.Element, name: str) -> str | None:
+def find_attribute(element: ElementTree.Element, name: str) -> str | None:
     """Return an attribute by its name without prefix."""
-    return next((value for key, value in element.items() if local_name(key) == name), None)
+    return next((value for key, value in element.items() if strip_prefix(key) == name), None)

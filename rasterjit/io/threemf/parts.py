@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.load_warnings import LeftOut, reason_of
-from rasterjit.io.text.mesh_builder import MeshData, srgb_rgba, unique_rows
-from rasterjit.io.threemf.package import Package, children, local_name
+from rasterjit.io.text.mesh_builder import MeshData, number_rows, srgb_to_rgba
+from rasterjit.io.threemf.package import Package, find_all, strip_prefix
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.portable_trig import sin_cos
@@ -27,7 +27,7 @@ PROPERTY_GROUPS = (*_MATERIAL_GROUPS, "colorgroup", "texture2dgroup", "multiprop
 _WRAPS: dict[str, Wrap] = {"wrap": "repeat", "mirror": "mirror", "clamp": "clamp", "none": "clamp"}
 _FILTERS: dict[str, Filter] = {"auto": "trilinear", "linear": "bilinear", "nearest": "nearest"}
 
-_ENTRY_BYTES = 96
+_ENTRY_MEMORY = 96
 """Memory of an entry of a group for each material or group that it mixes."""
 
 _MAX_MIXED_TEXTURES = 16
@@ -100,7 +100,7 @@ class Properties:
         self._elements = {
             one.get("id", ""): one
             for one in resources
-            if local_name(one.tag) in (*PROPERTY_GROUPS, "texture2d")
+            if strip_prefix(one.tag) in (*PROPERTY_GROUPS, "texture2d")
         }
         self._package = package
         self._left_out = left_out
@@ -112,11 +112,11 @@ class Properties:
     def group(self, group: str) -> PropertyGroup:
         """Return a property group, or raise ``ValueError`` if it does not exist."""
         if group not in self._groups:
-            element = self._group_element(group)
-            if local_name(element.tag) == "multiproperties":
-                self._groups[group] = self._mix_layers(element)
+            element = self._find_group(group)
+            if strip_prefix(element.tag) == "multiproperties":
+                self._groups[group] = self._read_multiproperties(element)
             else:
-                mix_layer = self._layer(element)
+                mix_layer = self._read_layer(element)
                 names = [one.get("name") for one in element]
                 opaque = mix_layer.colors.copy()
                 if not mix_layer.is_material:
@@ -126,42 +126,42 @@ class Properties:
                 )
         return self._groups[group]
 
-    def _group_element(self, group: str) -> ElementTree.Element:
+    def _find_group(self, group: str) -> ElementTree.Element:
         """Return the element of a group, or raise ``ValueError``."""
         element = self._elements.get(group)
-        if element is None or local_name(element.tag) not in PROPERTY_GROUPS:
+        if element is None or strip_prefix(element.tag) not in PROPERTY_GROUPS:
             raise ValueError(f"there is no group of properties {group[:80]!r}")
         return element
 
-    def _cached_layer(self, group: str) -> _MixLayer:
+    def _get_layer(self, group: str) -> _MixLayer:
         """Return a group as a layer of a multi-property, read once."""
         if group not in self._layers:
-            self._layers[group] = self._layer(self._group_element(group))
+            self._layers[group] = self._read_layer(self._find_group(group))
         return self._layers[group]
 
-    def _layer(self, element: ElementTree.Element) -> _MixLayer:
+    def _read_layer(self, element: ElementTree.Element) -> _MixLayer:
         """Return a group that is no multi-property as a layer."""
-        kind, count = local_name(element.tag), len(element)
+        kind, count = strip_prefix(element.tag), len(element)
         if kind == "texture2dgroup":
             uv = np.array([[float(one.get(key, "")) for key in "uv"] for one in element])
-            texture = self._texture(element.get("texid", ""))
+            texture = self._read_texture(element.get("texid", ""))
             white = np.ones((count, 4), np.float32)
             return _MixLayer(white, None if texture is None else uv.reshape(-1, 2), texture)
         if kind == "compositematerials":
-            return _MixLayer(self._composites(element), is_material=True)
+            return _MixLayer(self._mix_composites(element), is_material=True)
         key = "displaycolor" if kind == "basematerials" else "color"
-        colors = [_color(one.get(key)) for one in element]
-        rgba = srgb_rgba(np.array(colors, np.uint8).reshape(-1, 4))
+        colors = [_parse_color(one.get(key)) for one in element]
+        rgba = srgb_to_rgba(np.array(colors, np.uint8).reshape(-1, 4))
         return _MixLayer(rgba, is_material=kind == "basematerials")
 
-    def _composites(self, element: ElementTree.Element) -> _Floats:
+    def _mix_composites(self, element: ElementTree.Element) -> _Floats:
         """Return the colours of composite materials: means weighted by their shares."""
         indices = element.get("matindices", "").split()
-        base = self._cached_layer(element.get("matid", "")).colors
+        base = self._get_layer(element.get("matid", "")).colors
         self._budget.take(
-            "each of its mixtures of materials", len(element) * len(indices) * _ENTRY_BYTES
+            "each of its mixtures of materials", len(element) * len(indices) * _ENTRY_MEMORY
         )
-        colors = base[[_index(one, len(base)) for one in indices]]
+        colors = base[[_parse_index(one, len(base)) for one in indices]]
         shares = np.zeros((len(element), len(colors)))
         for row, one in zip(shares, element, strict=True):
             values = [float(value) for value in one.get("values", "").split()][: len(row)]
@@ -171,10 +171,12 @@ class Properties:
         # A sum over a row each: the same bits on every CPU.
         return (shares[:, :, None] * colors).sum(axis=1).astype(np.float32)
 
-    def _mix_layers(self, element: ElementTree.Element) -> PropertyGroup:
+    def _read_multiproperties(self, element: ElementTree.Element) -> PropertyGroup:
         """Return a multi-property as a group, its layers mixed for every entry."""
-        layers = [self._cached_layer(one) for one in element.get("pids", "").split()]
-        self._budget.take("each of its multi-properties", len(element) * len(layers) * _ENTRY_BYTES)
+        layers = [self._get_layer(one) for one in element.get("pids", "").split()]
+        self._budget.take(
+            "each of its multi-properties", len(element) * len(layers) * _ENTRY_MEMORY
+        )
         if not layers:
             raise ValueError("a multi-property must mix at least one group")
         methods = ["mix", *element.get("blendmethods", "").split()][: len(layers)]
@@ -183,7 +185,7 @@ class Properties:
         for row, one in zip(rows, element, strict=True):
             indices = one.get("pindices", "").split()
             for index, layer in enumerate(layers[: len(indices)]):
-                row[index] = _index(indices[index], len(layer.colors))
+                row[index] = _parse_index(indices[index], len(layer.colors))
         colors = [layer.colors[row] for layer, row in zip(layers, rows.T, strict=True)]
         has_material = layers[0].is_material
         textured = {
@@ -197,11 +199,11 @@ class Properties:
             return PropertyGroup(mixed, names, None, [None], np.zeros(len(rows), np.int64))
         uv = textured[max(textured)][1]
         plain = [index for index in range(len(layers)) if index not in textured]
-        mixable = self._mixable_textures(textured)
+        mixable = self._select_mixable(textured)
         textures, texture_ids = self._mix_textures(colors, methods, has_material, mixable, plain)
         return PropertyGroup(np.ones((len(rows), 4), np.float32), names, uv, textures, texture_ids)
 
-    def _mixable_textures(
+    def _select_mixable(
         self, textured: dict[int, tuple[Texture, NDArray[np.float64]]]
     ) -> dict[int, Texture]:
         """Return the textures that match the last one texel by texel; note the others."""
@@ -240,13 +242,13 @@ class Properties:
             textures.append(Texture(mixed, wrap=texture.wrap, filter=texture.filter))
         return textures, texture_ids.reshape(-1)
 
-    def _texture(self, number: str) -> Texture | None:
+    def _read_texture(self, number: str) -> Texture | None:
         """Return a texture, or None, with a note, if it cannot be read."""
         if number not in self._textures:
             element = self._elements.get(number)
             label = f"texture {number[:80]!r}"
             try:
-                if element is None or local_name(element.tag) != "texture2d":
+                if element is None or strip_prefix(element.tag) != "texture2d":
                     raise ValueError("there is none of that number")
                 tiles = [element.get(f"tilestyle{axis}", "wrap") for axis in "uv"]
                 self._left_out.note("tile style 'none' of a texture", int("none" in tiles))
@@ -285,7 +287,7 @@ def _blend(layers: list[_Floats], methods: list[str], has_material: bool) -> _Fl
     return np.concatenate([color, np.ones_like(alpha)], axis=-1)
 
 
-def _color(text: str | None) -> list[int]:
+def _parse_color(text: str | None) -> list[int]:
     """Parse a colour, ``#RRGGBB`` or ``#RRGGBBAA``, to bytes; white if it is missing."""
     if text is None:
         return [255, 255, 255, 255]
@@ -295,7 +297,7 @@ def _color(text: str | None) -> list[int]:
     return list(bytes.fromhex(code.ljust(8, "F")))
 
 
-def _index(text: str, count: int) -> int:
+def _parse_index(text: str, count: int) -> int:
     """Parse the index of an entry, or raise ``ValueError`` if it is out of range."""
     number = int(text)
     if not 0 <= number < count:
@@ -315,23 +317,23 @@ _FLAT_CAP_RADII = np.array([0.0, 1.0, 1.0, 1.0])
 """Radii of the same rings of a flat cap."""
 
 
-def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def compute_norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lengths of vectors, (N,), given (N, 3)."""
     x, y, z = vectors.T
     return np.sqrt(x * x + y * y + z * z)
 
 
-def beam_sides(count: int) -> int:
+def choose_beam_sides(count: int) -> int:
     """Return the number of sides of each beam of a lattice."""
     return next((sides for most, sides in _BEAM_SIDES if count <= most), _MIN_SIDES)
 
 
-def beam_faces(count: int) -> int:
+def count_beam_faces(count: int) -> int:
     """Return the number of faces of all beams of a lattice."""
-    return count * 2 * beam_sides(count) * (2 * len(_LATITUDES) - 1)
+    return count * 2 * choose_beam_sides(count) * (2 * len(_LATITUDES) - 1)
 
 
-def beam_surfaces(
+def make_beam_surfaces(
     ends: NDArray[np.float64], radii: NDArray[np.float64], is_flat: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """
@@ -353,15 +355,15 @@ def beam_surfaces(
     faces : (F, 3) int64
         Counter-clockwise from outside; flat rings of no width are kept.
     """
-    count, sides = len(ends), beam_sides(len(ends))
+    count, sides = len(ends), choose_beam_sides(len(ends))
     along = ends[:, 1] - ends[:, 0]
-    length = norms(along)
+    length = compute_norms(along)
     axis = np.where(length[:, None] > 0.0, along, [0.0, 0.0, 1.0])
-    axis /= norms(axis)[:, None]
+    axis /= compute_norms(axis)[:, None]
     # Any direction that is not along the axis.
     helper_axis = np.eye(3)[np.abs(axis).argmin(axis=1)]
     across = np.cross(axis, helper_axis)
-    across /= norms(across)[:, None]
+    across /= compute_norms(across)[:, None]
     other = np.cross(axis, across)
     angles = 2.0 * np.pi * np.arange(sides) / sides
     sine, cosine = (one[None, :, None] for one in sin_cos(angles))
@@ -384,10 +386,10 @@ def beam_surfaces(
         rows = slice(0, len(_LATITUDES)) if end == 0 else slice(None, len(_LATITUDES) - 1, -1)
         vertices[:, rows] = ring + ends[:, end, None, None]
         normals[:, rows] = normal
-    return vertices, normals, _ring_faces(count, sides)
+    return vertices, normals, _make_ring_faces(count, sides)
 
 
-def _ring_faces(count: int, sides: int) -> NDArray[np.int64]:
+def _make_ring_faces(count: int, sides: int) -> NDArray[np.int64]:
     """Return the faces between the rings of each beam."""
     rings = 2 * len(_LATITUDES)
     first = np.arange(rings - 1)[:, None] * sides + np.arange(sides)
@@ -399,10 +401,10 @@ def _ring_faces(count: int, sides: int) -> NDArray[np.int64]:
 
 _TRIANGLE_ATTRIBUTES = {"v1", "v2", "v3", "p1", "p2", "p3", "pid"}
 
-_BEAM_FACE_BYTES = 200
+_BEAM_FACE_MEMORY = 200
 """Memory of a face of a beam, with its vertices and their normals."""
 
-_CAPS = ("sphere", "hemisphere", "butt")
+_CAP_MODES = ("sphere", "hemisphere", "butt")
 
 
 class _Corners:
@@ -474,10 +476,10 @@ class _Corners:
         entry_textures = group.texture_ids[entries]
         differs = (entry_textures != entry_textures[:, :1]).any(axis=1)
         left_out.note("change of colour below a texture", int(np.count_nonzero(differs)))
-        numbers = np.array([self._texture_number(texture) for texture in group.textures])
+        numbers = np.array([self._number_texture(texture) for texture in group.textures])
         self.texture_ids[rows] = numbers[entry_textures[:, 0]]
 
-    def _texture_number(self, texture: Texture | None) -> int:
+    def _number_texture(self, texture: Texture | None) -> int:
         """Return the number of a texture, appended if it is new."""
         for number, one in enumerate(self.textures):
             if one is texture:
@@ -486,18 +488,16 @@ class _Corners:
         return len(self.textures) - 1
 
 
-def surface_parts(
+def make_surfaces(
     name: str, element: ElementTree.Element, mesh: ElementTree.Element,
     vertices: NDArray[np.float64], properties: Properties, left_out: LeftOut,
 ) -> list[MeshData]:  # fmt: skip
     """Return the triangles of a mesh as one part for each texture."""
-    triangles = [
-        one for group in children(mesh, "triangles") for one in children(group, "triangle")
-    ]
+    triangles = find_all(mesh, "triangles", "triangle")
     if not triangles:
         return []
     unread = Counter(
-        local_name(key)
+        strip_prefix(key)
         for one in triangles
         if len(one.attrib) > 3
         for key in one.attrib
@@ -514,19 +514,21 @@ def surface_parts(
     if corners.has_default_color:
         return [MeshData(name, vertices, faces)]
     return [
-        _texture_part(name, vertices, faces, corners, np.flatnonzero(corners.texture_ids == number))
+        _make_textured_mesh(
+            name, vertices, faces, corners, np.flatnonzero(corners.texture_ids == number)
+        )
         for number in np.unique(corners.texture_ids).tolist()
     ]
 
 
-def _texture_part(
+def _make_textured_mesh(
     name: str, vertices: NDArray[np.float64], faces: NDArray[np.int64], corners: _Corners,
     rows: NDArray[np.int64],
 ) -> MeshData:  # fmt: skip
     """Return the triangles of one texture as a mesh, with vertices split where corners differ."""
     faces, colors = faces[rows], corners.colors[rows]
     texture = corners.textures[int(corners.texture_ids[rows[0]])]
-    material, is_uniform = _material(colors, corners, texture)
+    material, is_uniform = _make_material(colors, corners, texture)
     is_flat = is_uniform or bool((colors == colors[:, :1]).all())
     if texture is None and is_flat and (is_uniform or len(faces) != len(vertices)):
         return MeshData(
@@ -534,7 +536,7 @@ def _texture_part(
         )
     groups = np.broadcast_to(corners.groups[rows, None], faces.shape)
     keys = np.column_stack([faces.ravel(), groups.ravel(), corners.entries[rows].ravel()])
-    picked, indices = unique_rows(keys)
+    picked, indices = number_rows(keys)
     uv = None if texture is None else corners.uv[rows].reshape(-1, 2)[picked]
     rgba = None if is_uniform else colors.reshape(-1, 4)[picked]
     return MeshData(
@@ -542,7 +544,7 @@ def _texture_part(
     )  # fmt: skip
 
 
-def _material(
+def _make_material(
     colors: NDArray[np.float32], corners: _Corners, texture: Texture | None
 ) -> tuple[Material, bool]:
     """Return the material of faces, and whether all have its colour."""
@@ -557,7 +559,7 @@ def _material(
     return material, is_uniform
 
 
-def beam_part(
+def make_beams(
     name: str, element: ElementTree.Element, lattice: ElementTree.Element,
     vertices: NDArray[np.float64], properties: Properties, left_out: LeftOut, budget: MemoryBudget,
 ) -> list[MeshData]:  # fmt: skip
@@ -565,7 +567,7 @@ def beam_part(
     # Beams: their ends, radii and caps.
     if lattice.get("clippingmode", "none") != "none":
         left_out.note("clipping of a beam lattice")
-    beams = [one for group in children(lattice, "beams") for one in children(group, "beam")]
+    beams = find_all(lattice, "beams", "beam")
     radius, shortest = float(lattice.get("radius", "nan")), float(lattice.get("minlength", "0"))
     cap = lattice.get("cap", "sphere")
     ends = np.array([(int(one.attrib["v1"]), int(one.attrib["v2"])) for one in beams], np.int64)
@@ -577,7 +579,7 @@ def beam_part(
         radii[row] = first, float(one.get("r2", first))
         is_flat[row] = [_is_flat(one.get(key, cap)) for key in ("cap1", "cap2")]
     # Balls are beams of no length.
-    balls = _balls(lattice, ends)
+    balls = _list_balls(lattice, ends)
     if not len(beams) and not balls:
         return []
     defaults = lattice.get("pid", element.get("pid")), lattice.get("pindex", element.get("pindex"))
@@ -598,21 +600,24 @@ def beam_part(
     corners.names |= of_balls.names
     # Those that are long enough, as surfaces.
     end_positions = vertices[ends]
-    length = norms(end_positions[:, 1] - end_positions[:, 0])
+    length = compute_norms(end_positions[:, 1] - end_positions[:, 0])
     is_kept = (length >= shortest) & (length > 0.0)
     is_kept[len(beams) :] = True
     left_out.note("beam that is shorter than its lattice allows", int(np.count_nonzero(~is_kept)))
     if not is_kept.any():
         return []
     budget.take(
-        f"the beams of {name[:80]!r}", beam_faces(int(np.count_nonzero(is_kept))) * _BEAM_FACE_BYTES
+        f"the beams of {name[:80]!r}",
+        count_beam_faces(int(np.count_nonzero(is_kept))) * _BEAM_FACE_MEMORY,
     )
-    points, normals, faces = beam_surfaces(end_positions[is_kept], radii[is_kept], is_flat[is_kept])
+    points, normals, faces = make_beam_surfaces(
+        end_positions[is_kept], radii[is_kept], is_flat[is_kept]
+    )
     colors = colors[is_kept]
     # One material, or a colour for each vertex.
     material, rgba = None, None
     if not (corners.has_default_color and of_balls.has_default_color):
-        material, is_uniform = _material(colors, corners, None)
+        material, is_uniform = _make_material(colors, corners, None)
     if material is not None and not is_uniform:
         halves = np.repeat(colors, points.shape[1] // 2, axis=1)
         rgba = np.repeat(halves, points.shape[2], axis=1).reshape(-1, 4)
@@ -620,12 +625,12 @@ def beam_part(
     return [MeshData(f"{name} beams", *rows, colors=rgba, material=material)]
 
 
-def _balls(lattice: ElementTree.Element, ends: NDArray[np.int64]) -> list[ElementTree.Element]:
+def _list_balls(lattice: ElementTree.Element, ends: NDArray[np.int64]) -> list[ElementTree.Element]:
     """Return the balls of a lattice, with those of the mode ``all``."""
     mode = lattice.get("ballmode", "none")
     if mode == "none":
         return []
-    balls = [one for group in children(lattice, "balls") for one in children(group, "ball")]
+    balls = find_all(lattice, "balls", "ball")
     if mode == "all":
         listed = {int(one.attrib["vindex"]) for one in balls}
         unlisted = sorted(set(np.unique(ends).tolist()) - listed)
@@ -635,8 +640,10 @@ def _balls(lattice: ElementTree.Element, ends: NDArray[np.int64]) -> list[Elemen
 
 def _is_flat(cap: str) -> bool:
     """Tell whether the cap of a beam is flat, or raise ``ValueError``."""
-    if cap not in _CAPS:
-        raise ValueError(f"the cap of a beam must be one of {', '.join(_CAPS)}, got {cap[:80]!r}")
+    if cap not in _CAP_MODES:
+        raise ValueError(
+            f"the cap of a beam must be one of {', '.join(_CAP_MODES)}, got {cap[:80]!r}"
+        )
     return cap == "butt"
 
 

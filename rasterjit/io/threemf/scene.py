@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Context
-from rasterjit.io.resources import Resources, quoted_name
-from rasterjit.io.text.mesh_builder import MeshData, mesh_of_data
-from rasterjit.io.threemf.package import Package, attribute, children, local_name
-from rasterjit.io.threemf.parts import PROPERTY_GROUPS, Properties, beam_part, surface_parts
+from rasterjit.io.resources import Resources, quote_name
+from rasterjit.io.text.mesh_builder import MeshData, convert_data
+from rasterjit.io.threemf.package import Package, find_all, find_attribute, strip_prefix
+from rasterjit.io.threemf.parts import PROPERTY_GROUPS, Properties, make_beams, make_surfaces
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
@@ -30,10 +30,10 @@ _RESOURCE_ELEMENTS = ("object", "texture2d", *PROPERTY_GROUPS)
 _OBJECT_ELEMENTS = ("mesh", "displacementmesh", "components", "metadatagroup")
 _MESH_ELEMENTS = ("vertices", "triangles", "beamlattice")
 
-_MAX_DEPTH = 1000
+_MAX_COMPONENT_DEPTH = 1000
 """Most nested components; more count as a cycle."""
 
-_INSTANCE_BYTES = 16_384
+_INSTANCE_MEMORY = 16_384
 """Memory of an instance of an object: its node, and its row in each frame."""
 
 
@@ -82,20 +82,21 @@ class _ModelPart:
 
     def __init__(self, root: ElementTree.Element, package: Package, left_out: LeftOut,
                  resources: Resources) -> None:  # fmt: skip
-        listed = [one for group in children(root, "resources") for one in group]
-        for one in listed:
-            if local_name(one.tag) not in _RESOURCE_ELEMENTS:
-                left_out.note(f"{local_name(one.tag)} of a model")
+        resource_elements = [one for group in find_all(root, "resources") for one in group]
+        for one in resource_elements:
+            if strip_prefix(one.tag) not in _RESOURCE_ELEMENTS:
+                left_out.note(f"{strip_prefix(one.tag)} of a model")
         self.unit = root.get("unit", "millimeter")
-        self.builds = children(root, "build")
+        self.items = find_all(root, "build", "item")
         self.objects: dict[str, ElementTree.Element] = {}
-        for one in listed:
-            if local_name(one.tag) == "object":
-                number = one.get("id", "")
-                if number in self.objects:
-                    raise ValueError(f"it has two objects {number[:80]!r}")
-                self.objects[number] = one
-        self.properties = Properties(listed, package, left_out, resources.budget, resources.decoder)
+        for one in find_all(root, "resources", "object"):
+            number = one.get("id", "")
+            if number in self.objects:
+                raise ValueError(f"it has two objects {number[:80]!r}")
+            self.objects[number] = one
+        self.properties = Properties(
+            resource_elements, package, left_out, resources.budget, resources.decoder
+        )
 
 
 class _SceneBuilder:
@@ -111,12 +112,9 @@ class _SceneBuilder:
 
     def scene(self) -> Scene:
         """Return the scene, or raise `MeshFileError`."""
-        root = self._package.root_model()
-        pending = [
-            self._make_item(item, root, None, 0)
-            for build in self._model(root).builds
-            for item in children(build, "item")
-        ]
+        root = self._package.find_root()
+        items = self._get_model(root).items
+        pending = [self._make_item(item, root, None, 0) for item in items]
         pending.reverse()
         while pending:
             pending += reversed(self._add_item(pending.pop()))
@@ -127,13 +125,13 @@ class _SceneBuilder:
             raise MeshFileError(f"{self._context.source} holds {content} in its build{notes}")
         return self._scene
 
-    def _model(self, part: str) -> _ModelPart:
+    def _get_model(self, part: str) -> _ModelPart:
         """Return the model of a part, read once."""
         key = part.lstrip("/").lower()
         if key not in self._models:
-            root = self._package.xml_root(part)
-            if local_name(root.tag) != "model":
-                raise ValueError(f"its part {quoted_name(part)} is no model")
+            root = self._package.read_xml(part)
+            if strip_prefix(root.tag) != "model":
+                raise ValueError(f"its part {quote_name(part)} is no model")
             model = _ModelPart(root, self._package, self._left_out, self._resources)
             if self._models and model.unit != next(iter(self._models.values())).unit:
                 self._left_out.note("unit of a part that is not the root model's")
@@ -144,53 +142,53 @@ class _SceneBuilder:
         self, element: ElementTree.Element, part: str, parent: Node | None, depth: int
     ) -> _Item:
         """Return the instance that a build item or a component describes."""
-        other = attribute(element, "path")
+        other = find_attribute(element, "path")
         part = (part if other is None else other).lstrip("/").lower()
         number = element.get("objectid", "")
         self._used.add((part, number))
-        return _Item(part, number, _matrix(element.get("transform")), parent, depth)
+        return _Item(part, number, _parse_transform(element.get("transform")), parent, depth)
 
     def _add_item(self, item: _Item) -> list[_Item]:
         """Add an object at an instance; return the instances of its components."""
-        model = self._model(item.part)
+        model = self._get_model(item.part)
         if item.number not in model.objects:
             raise ValueError(f"there is no object {item.number[:80]!r}")
-        if item.depth > _MAX_DEPTH:
-            raise ValueError(f"its components nest more than {_MAX_DEPTH} deep, or in a circle")
+        if item.depth > _MAX_COMPONENT_DEPTH:
+            raise ValueError(
+                f"its components nest more than {_MAX_COMPONENT_DEPTH} deep, or in a circle"
+            )
         element = model.objects[item.number]
         name = element.get("name") or item.number
-        self._resources.budget.take(f"a place of object {name[:80]!r}", _INSTANCE_BYTES)
-        meshes = self._meshes_of(item.part, item.number)
+        self._resources.budget.take(f"a place of object {name[:80]!r}", _INSTANCE_MEMORY)
+        meshes = self._get_meshes(item.part, item.number)
         node = None
         for number, mesh in enumerate(meshes):
             if node is None:
                 node = self._scene.add(mesh, item.parent_from_object, name, parent=item.parent)
             else:
                 self._scene.add(mesh, None, f"{name} part {number + 1}", parent=node)
-        components = [
-            one for group in children(element, "components") for one in children(group, "component")
-        ]
+        components = find_all(element, "components", "component")
         if node is None and components:
             node = Node(None, item.parent_from_object, name, parent=item.parent)
             if item.parent is None:
                 self._scene.add(node)
         return [self._make_item(one, item.part, node, item.depth + 1) for one in components]
 
-    def _meshes_of(self, part: str, number: str) -> list[Mesh]:
+    def _get_meshes(self, part: str, number: str) -> list[Mesh]:
         """Return the meshes of an object, made once for all its instances."""
         key = part, number
         if key not in self._meshes:
-            self._meshes[key] = [
-                mesh_of_data(one, self._context) for one in self._parts(self._model(part), number)
-            ]
+            parts = self._make_parts(part, number)
+            self._meshes[key] = [convert_data(one, self._context) for one in parts]
         return self._meshes[key]
 
-    def _parts(self, model: _ModelPart, number: str) -> list[MeshData]:
+    def _make_parts(self, part: str, number: str) -> list[MeshData]:
         """Return the surfaces and beam lattices of an object."""
-        element, parts_found = model.objects[number], list[MeshData]()
+        model, all_parts = self._get_model(part), list[MeshData]()
+        element = model.objects[number]
         name = element.get("name") or number
         for one in element:
-            kind = local_name(one.tag)
+            kind = strip_prefix(one.tag)
             if kind not in _OBJECT_ELEMENTS:
                 self._left_out.note(f"{kind} of an object")
             if kind == "displacementmesh":
@@ -198,25 +196,21 @@ class _SceneBuilder:
             if kind not in ("mesh", "displacementmesh"):
                 continue
             for inside in one:
-                if local_name(inside.tag) not in _MESH_ELEMENTS:
-                    self._left_out.note(f"{local_name(inside.tag)} of a mesh")
-            vertices = _vertices(one)
-            parts = surface_parts(name, element, one, vertices, model.properties, self._left_out)
-            for lattice in children(one, "beamlattice"):
+                if strip_prefix(inside.tag) not in _MESH_ELEMENTS:
+                    self._left_out.note(f"{strip_prefix(inside.tag)} of a mesh")
+            vertices = _read_vertices(one)
+            parts = make_surfaces(name, element, one, vertices, model.properties, self._left_out)
+            for lattice in find_all(one, "beamlattice"):
                 for key in ("clippingmesh", "representationmesh"):
-                    self._used.add((self._part_of(model), lattice.get(key, "")))
-                parts += beam_part(
+                    self._used.add((part, lattice.get(key, "")))
+                parts += make_beams(
                     name, element, lattice, vertices, model.properties, self._left_out,
                     self._resources.budget,
                 )  # fmt: skip
             if not parts:
                 self._left_out.note("mesh without faces")
-            parts_found += parts
-        return parts_found
-
-    def _part_of(self, model: _ModelPart) -> str:
-        """Return the name of the part of a model."""
-        return next(part for part, one in self._models.items() if one is model)
+            all_parts += parts
+        return all_parts
 
     def _note_unused(self) -> None:
         """Note the objects that the build does not use."""
@@ -226,10 +220,10 @@ class _SceneBuilder:
     def _holds_meshes(self) -> bool:
         """Tell whether any object has a mesh."""
         objects = [one for model in self._models.values() for one in model.objects.values()]
-        return any(children(one, "mesh") for one in objects)
+        return any(find_all(one, "mesh") for one in objects)
 
 
-def _matrix(text: str | None) -> NDArray[np.float64]:
+def _parse_transform(text: str | None) -> NDArray[np.float64]:
     """Parse a transform; the file has 12 numbers, for row vectors."""
     matrix = np.eye(4)
     if text is not None:
@@ -240,11 +234,10 @@ def _matrix(text: str | None) -> NDArray[np.float64]:
     return matrix
 
 
-def _vertices(mesh: ElementTree.Element) -> NDArray[np.float64]:
+def _read_vertices(mesh: ElementTree.Element) -> NDArray[np.float64]:
     """Return the vertices of a mesh, (V, 3)."""
     rows = [
         (float(one.attrib["x"]), float(one.attrib["y"]), float(one.attrib["z"]))
-        for group in children(mesh, "vertices")
-        for one in children(group, "vertex")
+        for one in find_all(mesh, "vertices", "vertex")
     ]
     return np.array(rows, np.float64).reshape(-1, 3)

@@ -11,7 +11,7 @@ from typing import Any
 
 from rasterjit.io.images import check_picture
 from rasterjit.io.load_warnings import LeftOut, reason_of
-from rasterjit.io.resources import RefusedFileError, Resources, quoted_name
+from rasterjit.io.resources import RefusedFileError, Resources, quote_name
 
 
 @contextmanager
@@ -57,8 +57,8 @@ def make_resolver(resources: Resources, left_out: LeftOut, are_pictures: bool = 
             check_picture(content)
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
-            left_out.note(f"picture {quoted_name(name)} that cannot be read: {reason_of(error)}")
-            raise ValueError(f"{quoted_name(name)} cannot be read") from error
+            left_out.note(f"picture {quote_name(name)} that cannot be read: {reason_of(error)}")
+            raise ValueError(f"{quote_name(name)} cannot be read") from error
 
     class Resolver(trimesh.resolvers.Resolver):
         """Resolves file names by `Resources`."""

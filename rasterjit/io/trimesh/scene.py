@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io import cameras
-from rasterjit.io.gltf.meshes_materials import TEXTURES
+from rasterjit.io.gltf.meshes_materials import TEXTURE_PROPERTIES
 from rasterjit.io.gltf.scene import GLTF_FORMATS
-from rasterjit.io.images import image_pixels, take_texels
+from rasterjit.io.images import convert_pillow_image, take_texel_memory
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
-from rasterjit.io.primitives import Cloud, Context, lines_of_path
+from rasterjit.io.primitives import Cloud, Context, convert_path
 from rasterjit.io.text import mesh_builder
 from rasterjit.io.text.mtl import MAX_SHININESS, MtlMaterial, convert_mtl_material
 from rasterjit.scene.camera import PerspectiveCamera, mirrors
@@ -80,9 +80,11 @@ def material_from_trimesh(
     if kind == "PBRMaterial":
         loaded = {
             field: textures.read(getattr(material, name, None), f"{field} of {label}", color_space)
-            for field, (name, color_space) in TEXTURES.items()
+            for field, (name, color_space) in TEXTURE_PROPERTIES.items()
         }
-        return _from_gltf(material, loaded) if is_gltf else _from_pbr(material, loaded, left_out)
+        if is_gltf:
+            return _convert_gltf(material, loaded)
+        return _convert_pbr(material, loaded, left_out)
     left_out.note(kind)
     return None
 
@@ -119,20 +121,20 @@ def colors_from_trimesh(
     if colors.ndim != 2 or colors.shape[0] != rows or colors.shape[1] not in (3, 4):
         left_out.note("colours that fit neither vertices nor faces")
         return None
-    return mesh_builder.linear_rgba(colors, linear_bytes)
+    return mesh_builder.to_linear_rgba(colors, linear_bytes)
 
 
-def _from_gltf(material: Any, textures: dict[str, Any]) -> Material:
+def _convert_gltf(material: Any, textures: dict[str, Any]) -> Material:
     """Convert a metallic-roughness material of glTF."""
     mode = ALPHA_MODES.get(material.alphaMode, "opaque")
-    red, green, blue, alpha = _base_color(material, True)
+    red, green, blue, alpha = _read_base_color(material, True)
     cutoff = 0.5 if material.alphaCutoff is None else material.alphaCutoff
     emissive = (0.0, 0.0, 0.0) if material.emissiveFactor is None else material.emissiveFactor
     return Material(
         shading="pbr",
         base_color=(red, green, blue, 1.0 if mode == "opaque" else alpha),
-        metallic=_clamped(material.metallicFactor),
-        roughness=_clamped(material.roughnessFactor),
+        metallic=_clamp_factor(material.metallicFactor),
+        roughness=_clamp_factor(material.roughnessFactor),
         emissive=np.clip(np.nan_to_num(np.asarray(emissive, np.float64)), 0.0, MAX_RADIANCE),
         name=material.name,
         alpha_mode=mode,
@@ -142,7 +144,7 @@ def _from_gltf(material: Any, textures: dict[str, Any]) -> Material:
     )
 
 
-def _base_color(material: Any, linear_bytes: bool) -> tuple[float, float, float, float]:
+def _read_base_color(material: Any, linear_bytes: bool) -> tuple[float, float, float, float]:
     """Return the base colour of a PBR material, linear RGBA."""
     factor = material.baseColorFactor
     if factor is None:
@@ -153,12 +155,12 @@ def _base_color(material: Any, linear_bytes: bool) -> tuple[float, float, float,
     return tuple(rgba)
 
 
-def _clamped(factor: float | None) -> float:
+def _clamp_factor(factor: float | None) -> float:
     """Return a factor of a PBR material, default 1, clamped to 0..1."""
     return 1.0 if factor is None else min(max(float(factor), 0.0), 1.0)
 
 
-def _from_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Material:
+def _convert_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Material:
     """
     Convert a metallic-roughness material, with sRGB colours, to Blinn-Phong.
 
@@ -173,14 +175,15 @@ def _from_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Mat
     B. Walter et al., "Microfacet models for refraction through rough surfaces", EGSR 2007.
     T. Akenine-Möller et al., "Real-Time Rendering", 4th edition, section 9.8.
     """
-    rgba = _base_color(material, False)
+    rgba = _read_base_color(material, False)
     mode = ALPHA_MODES.get(material.alphaMode, "opaque")
     if mode == "opaque":
         rgba = (*rgba[:3], 1.0)
     emissive = (0.0, 0.0, 0.0) if material.emissiveFactor is None else material.emissiveFactor
     if textures["metallic_roughness_texture"] is not None:
         left_out.note(f"metallic_roughness_texture of material {material.name!r}")
-    roughness, metallic = _clamped(material.roughnessFactor), _clamped(material.metallicFactor)
+    roughness = _clamp_factor(material.roughnessFactor)
+    metallic = _clamp_factor(material.metallicFactor)
     shininess = MAX_SHININESS
     # A power is the math library's affair; products have the same bits everywhere.
     alpha = roughness * roughness
@@ -226,8 +229,8 @@ class TextureReader:
         if key not in self._known:
             try:
                 if self._budget is not None:
-                    take_texels(image.size, label, self._budget)
-                self._known[key] = Texture(image_pixels(image), color_space=color_space)
+                    take_texel_memory(image.size, label, self._budget)
+                self._known[key] = Texture(convert_pillow_image(image), color_space=color_space)
             except (OSError, SyntaxError, ValueError, AttributeError) as error:
                 self._left_out.note(f"{label} that cannot be read: {reason_of(error)}")
                 self._known[key] = None
@@ -273,7 +276,7 @@ class TrimeshAdapter:
 
     def scene(self, loaded: Any) -> Scene:
         """Convert a trimesh geometry or scene to a `Scene`, or raise `MeshFileError`."""
-        return mesh_builder.scene_of_record(self.scene_record(loaded), self.context)
+        return mesh_builder.convert_record(self.scene_record(loaded), self.context)
 
     def scene_record(self, loaded: Any) -> mesh_builder.SceneRecord:
         """Convert a trimesh geometry or scene to plain data, or raise `MeshFileError`."""
@@ -285,7 +288,7 @@ class TrimeshAdapter:
         numbers: dict[str, int] = {}
         unshown: Counter[str] = Counter()
         for name, geometry in loaded.geometry.items():
-            added = self._geometry(name, geometry)
+            added = self._convert_geometry(name, geometry)
             if added is None:
                 unshown[_describe(geometry)] += 1
             else:
@@ -297,35 +300,39 @@ class TrimeshAdapter:
             raise MeshFileError(f"{self.source} holds {content}no faces, lines or points{notes}")
         for what, count in unshown.items():
             self.left_out.note(what, count)
-        nodes, mesh_nodes = self._node_records(loaded.graph, numbers)
+        nodes, mesh_nodes = self._convert_nodes(loaded.graph, numbers)
         if not mesh_nodes:
             raise MeshFileError(f"{self.source} holds meshes but places none of them in its scene")
         return mesh_builder.SceneRecord(
-            geometries, nodes, mesh_nodes, self._camera(loaded), self._lights(loaded)
+            geometries,
+            nodes,
+            mesh_nodes,
+            self._convert_camera(loaded),
+            self._convert_lights(loaded),
         )
 
-    def _geometry(self, name: str, geometry: Any) -> mesh_builder.Geometry | None:
+    def _convert_geometry(self, name: str, geometry: Any) -> mesh_builder.Geometry | None:
         """Return a geometry as a mesh, line set or cloud; None if it is empty."""
         import trimesh
 
         if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
-            return self._mesh(name, geometry)
+            return self._convert_mesh(name, geometry)
         if isinstance(geometry, (trimesh.Trimesh, trimesh.PointCloud)) and len(geometry.vertices):
-            return self._cloud(name, geometry)
+            return self._convert_cloud(name, geometry)
         if isinstance(geometry, trimesh.path.path.Path):
-            return lines_of_path(name, geometry, self.context)
+            return convert_path(name, geometry, self.context)
         return None
 
-    def _cloud(self, name: str, geometry: Any) -> Cloud:
+    def _convert_cloud(self, name: str, geometry: Any) -> Cloud:
         """Return the vertices of a geometry without faces as a cloud."""
         colors = getattr(geometry, "colors", None)
         rgba = None
         if colors is not None and np.shape(colors) == (len(geometry.vertices), 4):
-            rgba = mesh_builder.srgb_rgba(np.asarray(colors))
+            rgba = mesh_builder.srgb_to_rgba(np.asarray(colors))
         attributes = getattr(geometry, "vertex_attributes", None) or {}
         return Cloud(name, np.asarray(geometry.vertices), rgba, None, dict(attributes))
 
-    def _node_records(
+    def _convert_nodes(
         self, graph: Any, numbers: dict[str, int]
     ) -> tuple[list[mesh_builder.NodeRecord], list[int]]:
         """Return the nodes of a scene graph, and the numbers of those with a geometry."""
@@ -339,12 +346,12 @@ class TrimeshAdapter:
                 self.left_out.note("node that hangs on no other")
                 continue
             if name in numbers:
-                number = self._node_number(graph, key, transform, numbers_of_keys, nodes)
+                number = self._get_node_number(graph, key, transform, numbers_of_keys, nodes)
                 nodes[number] = replace(nodes[number], geometry=numbers[name])
                 mesh_nodes.append(number)
         return nodes, mesh_nodes
 
-    def _node_number(
+    def _get_node_number(
         self, graph: Any, key: Any, transform: NDArray[np.float64], numbers_of_keys: dict[Any, int],
         nodes: list[mesh_builder.NodeRecord],
     ) -> int:  # fmt: skip
@@ -375,22 +382,24 @@ class TrimeshAdapter:
             number = numbers_of_keys[name]
         return numbers_of_keys[key]
 
-    def _mesh(self, name: str, geometry: Any) -> mesh_builder.MeshData:
+    def _convert_mesh(self, name: str, geometry: Any) -> mesh_builder.MeshData:
         """Return a trimesh.Trimesh as mesh data."""
         source = getattr(geometry.source, "file_type", None)
         colors = colors_from_trimesh(geometry, source in GLTF_FORMATS, self.left_out)
         material, uv = None, None
         if geometry.visual.kind == "texture":
             # A PBR material made in memory is glTF's, as trimesh documents it.
-            material = self._material(geometry.visual.material, source in (None, *GLTF_FORMATS))
-            uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
+            material = self._convert_material(
+                geometry.visual.material, source in (None, *GLTF_FORMATS)
+            )
+            uv = self._check_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
         return mesh_builder.MeshData(
             str(name), np.asarray(geometry.vertices), np.asarray(geometry.faces),
-            self._given_normals(geometry), uv, colors, material,
+            self._get_given_normals(geometry), uv, colors, material,
             dict(geometry.vertex_attributes), dict(geometry.face_attributes),
         )  # fmt: skip
 
-    def _material(self, material: Any, is_gltf: bool) -> Material | None:
+    def _convert_material(self, material: Any, is_gltf: bool) -> Material | None:
         """Convert a material, once for all meshes that share it."""
         if id(material) not in self.materials:
             self.materials[id(material)] = material_from_trimesh(
@@ -398,16 +407,16 @@ class TrimeshAdapter:
             )
         return self.materials[id(material)]
 
-    def _given_normals(self, geometry: Any) -> NDArray[np.float64] | None:
+    def _get_given_normals(self, geometry: Any) -> NDArray[np.float64] | None:
         """Return the normals that a mesh was given, not those that trimesh averaged."""
         if "vertex_normals" not in geometry._cache:
             return None
         normals = np.asarray(geometry.vertex_normals)
         if not self.from_file and _are_averaged(normals, geometry):
             return None
-        return self._finite_rows("normals", normals, (len(geometry.vertices), 3))
+        return self._check_rows("normals", normals, (len(geometry.vertices), 3))
 
-    def _finite_rows(
+    def _check_rows(
         self, name: str, values: Any, shape: tuple[int, int]
     ) -> NDArray[np.float64] | None:
         """Return an array that fits the vertices; None, with a note, if it does not."""
@@ -422,7 +431,7 @@ class TrimeshAdapter:
             return None
         return array
 
-    def _camera(self, loaded: Any) -> PerspectiveCamera | None:
+    def _convert_camera(self, loaded: Any) -> PerspectiveCamera | None:
         """Return the camera of a trimesh scene, but not the one that trimesh makes up."""
         if not loaded.has_camera:
             return None
@@ -436,7 +445,7 @@ class TrimeshAdapter:
             self.left_out.note("camera that is not a usable perspective")
             return None
 
-    def _lights(self, loaded: Any) -> list[Light]:
+    def _convert_lights(self, loaded: Any) -> list[Light]:
         """Return the lights of a trimesh scene, but not those that trimesh makes up."""
         added: list[Light] = []
         lights = getattr(loaded, "_lights", None) or []
@@ -453,12 +462,12 @@ class TrimeshAdapter:
             elif kind == "PointLight":
                 added.append(PointLight(pose[:3, 3], color, light.intensity))
             elif kind == "SpotLight":
-                added += self._spot(light, pose, color)
+                added += self._convert_spot(light, pose, color)
             else:
                 self.left_out.note(kind)
         return added
 
-    def _spot(
+    def _convert_spot(
         self, light: Any, pose: NDArray[np.float64], color: NDArray[np.float64]
     ) -> list[SpotLight]:
         """Return a spot light in a list, [] if its cone is not valid."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut
-from rasterjit.io.resources import quoted_name
+from rasterjit.io.resources import quote_name
 from rasterjit.scene.transforms import compose, rotate, scale, translate
 
 SKINNED = "skinned or morphed geometry"
@@ -72,11 +72,11 @@ def _note_collada(root: ElementTree.Element, left_out: LeftOut) -> None:
     """Note animations and external references of a COLLADA file, and numbers that drop faces."""
     _note_other_files(root, left_out)
     for library in root:
-        for element in library if _name(library) == "library_animations" else ():
-            if _name(element) == "animation":
+        for element in library if _strip_name_space(library) == "library_animations" else ():
+            if _strip_name_space(element) == "animation":
                 left_out.note("animation")
     for element in root.iter():
-        if _name(element) == "float_array" and not _are_finite(element.text or ""):
+        if _strip_name_space(element) == "float_array" and not _are_finite(element.text or ""):
             left_out.note("faces at vertices that are no finite numbers, if any")
 
 
@@ -93,7 +93,7 @@ def _are_finite(text: str) -> bool:
 def _note_other_files(root: ElementTree.Element, left_out: LeftOut) -> None:
     """Note references of a COLLADA file to libraries in other files."""
     for element in root.iter():
-        kind = _name(element)
+        kind = _strip_name_space(element)
         if not kind.startswith("instance_"):
             continue
         if kind in _UNREAD_INSTANCES:
@@ -101,36 +101,38 @@ def _note_other_files(root: ElementTree.Element, left_out: LeftOut) -> None:
         for key in ("url", "target"):
             address = element.get(key, "").strip()
             if address and not address.startswith("#"):
-                left_out.note(f"{kind} of a library in another file, {quoted_name(address)}")
+                left_out.note(f"{kind} of a library in another file, {quote_name(address)}")
 
 
 def _note_brushes(root: ElementTree.Element, left_out: LeftOut) -> None:
     """Note brushes of a XAML file other than single colours."""
     for model in root.iter():
-        if _name(model) != "GeometryModel3D":
+        if _strip_name_space(model) != "GeometryModel3D":
             continue
         for material in model.iter():
             # A name with a dot is a field that holds materials.
-            if not _name(material).endswith("Material") or "." in _name(material):
+            if not _strip_name_space(material).endswith("Material") or "." in _strip_name_space(
+                material
+            ):
                 continue
             brushes = [brush for holder in material for brush in holder]
             for brush in brushes:
-                kind = _name(brush)
+                kind = _strip_name_space(brush)
                 if kind.endswith("Brush") and kind != _READ_BRUSH:
                     picture = brush.get("ImageSource")
-                    image = f" {quoted_name(picture)}" if picture else ""
-                    left_out.note(f"{kind}{image} of a {_name(material)}")
+                    image = f" {quote_name(picture)}" if picture else ""
+                    left_out.note(f"{kind}{image} of a {_strip_name_space(material)}")
 
 
 def _note_shapes(root: ElementTree.Element, left_out: LeftOut) -> None:
     """Note elements of an SVG file that are not read."""
     for element in root.iter():
         space = element.tag.rpartition("}")[0] if isinstance(element.tag, str) else "{other"
-        if space in ("", _SVG) and _name(element) not in _SVG_ELEMENTS:
-            left_out.note(f"{_name(element)} element")
+        if space in ("", _SVG) and _strip_name_space(element) not in _SVG_ELEMENTS:
+            left_out.note(f"{_strip_name_space(element)} element")
 
 
-def _name(element: ElementTree.Element) -> str:
+def _strip_name_space(element: ElementTree.Element) -> str:
     """Return the name of an element without its name space."""
     return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
 
@@ -213,8 +215,8 @@ class _Collada:
             if binding is None:
                 return None
             if skin is not None:
-                is_skin, joint = True, self._world_from_bound(skin)
-                matrix = _matrix(skin.findtext(f"{self._xmlns}bind_shape_matrix", ""))
+                is_skin, joint = True, self._compute_world_from_bound(skin)
+                matrix = _parse_matrix(skin.findtext(f"{self._xmlns}bind_shape_matrix", ""))
                 if joint is not None:
                     is_in_world, matrix = True, compose(joint, matrix)
             name = binding.get("source", "")
@@ -238,14 +240,14 @@ class _Collada:
         for library in self.root.findall(f"{self._xmlns}library_controllers"):
             self.root.remove(library)
 
-    def _world_from_bound(self, skin: ElementTree.Element) -> NDArray[np.float64] | None:
+    def _compute_world_from_bound(self, skin: ElementTree.Element) -> NDArray[np.float64] | None:
         """Return the transform of the first joint times its inverse bind matrix, or None."""
-        names = self._values(skin, "JOINT")
+        names = self._read_words(skin, "JOINT")
         node = self._nodes.get(names[0]) if names else None
-        inverse = self._values(skin, "INV_BIND_MATRIX")[:16]
+        inverse = self._read_words(skin, "INV_BIND_MATRIX")[:16]
         if node is None or len(inverse) < 16:
             return None
-        matrix = _matrix(" ".join(inverse))
+        matrix = _parse_matrix(" ".join(inverse))
         ancestor: ElementTree.Element | None = node
         while ancestor is not None and ancestor.tag == f"{self._xmlns}node":
             matrix = compose(self._parent_from_node(ancestor), matrix)
@@ -254,7 +256,7 @@ class _Collada:
         is_placed = ancestor is not None and ancestor.tag == f"{self._xmlns}visual_scene"
         return matrix if is_placed else None
 
-    def _values(self, skin: ElementTree.Element, semantic: str) -> list[str]:
+    def _read_words(self, skin: ElementTree.Element, semantic: str) -> list[str]:
         """Return the words of a source of a skin's joints."""
         for one in skin.findall(f"{self._xmlns}joints/{self._xmlns}input"):
             source = self._by_id.get(one.get("source", "").removeprefix("#"))
@@ -268,7 +270,7 @@ class _Collada:
         for one in node:
             kind = one.tag.removeprefix(self._xmlns)
             if kind == "matrix":
-                matrix = compose(matrix, _matrix(one.text or ""))
+                matrix = compose(matrix, _parse_matrix(one.text or ""))
             elif kind in ("translate", "rotate", "scale"):
                 numbers = [float(word) for word in (one.text or "").split()]
                 if kind == "rotate":
@@ -279,7 +281,7 @@ class _Collada:
         return matrix
 
 
-def _matrix(text: str) -> NDArray[np.float64]:
+def _parse_matrix(text: str) -> NDArray[np.float64]:
     """Parse a matrix of 16 numbers, row by row; the identity for an empty text."""
     if not text.strip():
         return np.eye(4)

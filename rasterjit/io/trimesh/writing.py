@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.cameras import to_trimesh as camera_to_trimesh
-from rasterjit.io.gltf.meshes_materials import ALPHA_MODE_NAMES, TEXTURES
-from rasterjit.io.gltf.writing import look_along, stable_normals
+from rasterjit.io.gltf.meshes_materials import ALPHA_MODE_NAMES, TEXTURE_PROPERTIES
+from rasterjit.io.gltf.writing import make_look_along, stabilize_normals
 from rasterjit.io.images import quantize
 from rasterjit.io.load_warnings import SaveNotes
 from rasterjit.scene.camera import PerspectiveCamera
@@ -26,7 +26,7 @@ from rasterjit.scene.texture import Texture
 if TYPE_CHECKING:
     import trimesh
 
-_RESOLUTION = (640, 640)
+_CAMERA_RESOLUTION = (640, 640)
 """Resolution of the camera, pixels, which trimesh requires: with equal fields of view."""
 
 
@@ -111,23 +111,23 @@ class _Converter:
         import trimesh
 
         if isinstance(mesh, Points):
-            return self._points(mesh)
+            return self._make_points(mesh)
         if isinstance(mesh, Lines):
-            return self._lines(mesh)
-        normals, _ = stable_normals(mesh.vertex_normals())
+            return self._make_lines(mesh)
+        normals, _ = stabilize_normals(mesh.vertex_normals())
         for name in ("uv1", "tangents", "joints", "morph_targets"):
             if getattr(mesh, name) is not None:
                 self.notes.note(name)
         if mesh.field is not None:
             self.notes.note("scalars, but for their colours")
         return trimesh.Trimesh(
-            mesh.vertices, mesh.faces, vertex_normals=normals, visual=self._visual(mesh),
+            mesh.vertices, mesh.faces, vertex_normals=normals, visual=self._make_visual(mesh),
             vertex_attributes=dict(mesh.vertex_attributes),
             face_attributes=dict(mesh.face_attributes),
             process=False, validate=False,
         )  # fmt: skip
 
-    def _points(self, mesh: Points) -> trimesh.PointCloud:
+    def _make_points(self, mesh: Points) -> trimesh.PointCloud:
         """Return the finite points with their colours."""
         import trimesh
 
@@ -136,10 +136,10 @@ class _Converter:
             self.notes.note("points that are NaN or infinite")
         self._note_point_or_line_data(mesh)
         colors = mesh.colors
-        codes = None if colors is None else self._bytes(colors[rows], "srgb", "colours")
+        codes = None if colors is None else self._quantize(colors[rows], "srgb", "colours")
         return trimesh.PointCloud(mesh.vertices[rows], colors=codes)
 
-    def _lines(self, mesh: Lines) -> trimesh.path.Path3D:
+    def _make_lines(self, mesh: Lines) -> trimesh.path.Path3D:
         """Return lines as curves: runs of connected segments of one colour."""
         import trimesh
         from trimesh.path.entities import Line
@@ -151,7 +151,7 @@ class _Converter:
         breaks = segments[1:, 0] != segments[:-1, 1]
         codes = None
         if mesh.face_colors is not None:
-            codes = self._bytes(mesh.face_colors, "srgb", "colours")
+            codes = self._quantize(mesh.face_colors, "srgb", "colours")
             breaks |= (codes[1:] != codes[:-1]).any(axis=1)
         begins = np.concatenate([[0], np.flatnonzero(breaks) + 1, [len(segments)]]).tolist()
         entities = [
@@ -176,12 +176,12 @@ class _Converter:
         if mesh.material.base_color is not None:
             self.notes.note(f"base colour of {what}")
 
-    def _visual(self, mesh: Mesh) -> Any:
+    def _make_visual(self, mesh: Mesh) -> Any:
         """Return colours, or a material and its texture coordinates."""
         from trimesh.visual import ColorVisuals, TextureVisuals
 
         vertex_colors, face_colors = (
-            None if colors is None else self._bytes(colors, "srgb", "colours")
+            None if colors is None else self._quantize(colors, "srgb", "colours")
             for colors in (mesh.shown_vertex_colors(), mesh.face_colors)
         )
         is_plain = mesh.material in (Material(name=mesh.material.name), DefaultMaterial())
@@ -189,29 +189,29 @@ class _Converter:
             if not is_plain:
                 self.notes.note("material beside colours of faces")
             return ColorVisuals(vertex_colors=vertex_colors, face_colors=face_colors)
-        material = self._material(mesh.material, vertex_colors is not None)
+        material = self._make_material(mesh.material, vertex_colors is not None)
         visual = TextureVisuals(uv=mesh.uv, material=material)
         if vertex_colors is not None:
             visual.vertex_attributes["color"] = vertex_colors
         return visual
 
-    def _bytes(self, colors: Any, color_space: str, what: str) -> NDArray[np.uint8]:
+    def _quantize(self, colors: Any, color_space: str, what: str) -> NDArray[np.uint8]:
         """Return linear colours, (..., 4), as bytes, and note if that rounds them."""
         codes, are_exact = quantize(np.asarray(colors, np.float32), color_space)
         if not are_exact:
             self.notes.note_rounded(f"{what}, to 8 bits")
         return codes
 
-    def _material(self, material: Material, has_colors: bool) -> Any:
+    def _make_material(self, material: Material, has_colors: bool) -> Any:
         """Convert a material, once for all meshes that share it."""
-        color = _base_color(material, has_colors)
+        color = _get_base_color(material, has_colors)
         key = id(material), color
         if key not in self._materials:
-            make = self._pbr if material.shading == "pbr" else self._simple
+            make = self._make_pbr if material.shading == "pbr" else self._make_simple
             self._materials[key] = make(material, color)
         return self._materials[key]
 
-    def _pbr(self, material: Material, base_color: tuple[float, ...]) -> Any:
+    def _make_pbr(self, material: Material, base_color: tuple[float, ...]) -> Any:
         """Return a metallic-roughness material."""
         from trimesh.visual.material import PBRMaterial
 
@@ -227,10 +227,10 @@ class _Converter:
             if has_it:
                 self.notes.note(name)
         pictures = {
-            key: self._picture(getattr(material, field), color_space, field)
-            for field, (key, color_space) in TEXTURES.items()
+            key: self._make_image(getattr(material, field), color_space, field)
+            for field, (key, color_space) in TEXTURE_PROPERTIES.items()
         }
-        (color,) = self._bytes([base_color], "linear", "base colours")
+        (color,) = self._quantize([base_color], "linear", "base colours")
         return PBRMaterial(
             name=material.name, baseColorFactor=color, metallicFactor=material.metallic,
             roughnessFactor=material.roughness, emissiveFactor=list(material.emissive),
@@ -238,7 +238,7 @@ class _Converter:
             alphaCutoff=material.alpha_cutoff, **pictures,
         )  # fmt: skip
 
-    def _simple(self, material: Material, base_color: tuple[float, ...]) -> Any:
+    def _make_simple(self, material: Material, base_color: tuple[float, ...]) -> Any:
         """Return a Blinn-Phong material, as those of MTL files are."""
         from trimesh.visual.material import SimpleMaterial
 
@@ -250,22 +250,22 @@ class _Converter:
             self.notes.note("single-sidedness")
         if material.alpha_mode == "mask":
             self.notes.note("alpha_mode 'mask'")
-        for field in TEXTURES:
+        for field in TEXTURE_PROPERTIES:
             if field != "base_color_texture" and getattr(material, field) is not None:
                 self.notes.note(field)
         mtl_colors: dict[str, Any] = {}
         if material.base_color is not None:
-            (color,) = self._bytes([base_color], "srgb", "base colours")
+            (color,) = self._quantize([base_color], "srgb", "base colours")
             mtl_colors["diffuse"] = mtl_colors["kd"] = color
         strength = min(material.specular, 1.0) if material.shading != "unlit" else 0.0
-        (shine,) = self._bytes([(strength,) * 3 + (1.0,)], "srgb", "highlights")
-        picture = self._picture(material.base_color_texture, "srgb", "base_color_texture")
+        (shine,) = self._quantize([(strength,) * 3 + (1.0,)], "srgb", "highlights")
+        picture = self._make_image(material.base_color_texture, "srgb", "base_color_texture")
         return SimpleMaterial(
             image=picture, name=material.name, specular=shine, glossiness=material.shininess,
             ks=shine, ns=material.shininess, **mtl_colors,
         )  # fmt: skip
 
-    def _picture(self, texture: Texture | None, color_space: str, field: str) -> Any:
+    def _make_image(self, texture: Texture | None, color_space: str, field: str) -> Any:
         """Return the image of a texture for Pillow."""
         if texture is None:
             return None
@@ -276,7 +276,7 @@ class _Converter:
             self.notes.note(f"how a {field} is sampled")
         if texture.uv_set:
             self.notes.note(f"uv_set of a {field}")
-        codes = self._bytes(texture.image, color_space, "textures")
+        codes = self._quantize(texture.image, color_space, "textures")
         return Image.fromarray(codes[:, :, :3].copy() if texture.is_opaque else codes)
 
     def _add_camera(self, camera: Any, result: trimesh.Scene) -> None:
@@ -288,7 +288,7 @@ class _Converter:
             return
         if camera.min_aspect:
             self.notes.note("min_aspect of the camera")
-        result.camera, result.camera_transform = camera_to_trimesh(camera, _RESOLUTION)
+        result.camera, result.camera_transform = camera_to_trimesh(camera, _CAMERA_RESOLUTION)
 
     def _add_lights(self, lights: list[Light], result: trimesh.Scene) -> None:
         """Add the lights of a scene, whose bytes are linear light."""
@@ -310,18 +310,18 @@ class _Converter:
                     "innerConeAngle": math.radians(light.inner_angle),
                     "outerConeAngle": math.radians(light.outer_angle),
                 }
-            (color,) = self._bytes([(*light.color, 1.0)], "linear", "light")
+            (color,) = self._quantize([(*light.color, 1.0)], "linear", "light")
             added.append(getattr(lighting, kind)(color=color, intensity=light.intensity, **cone))
             position = (0.0, 0.0, 0.0) if isinstance(light, DirectionalLight) else light.position
             direction = (0.0, 0.0, -1.0) if isinstance(light, PointLight) else light.direction
-            poses.append(look_along(position, direction))
+            poses.append(make_look_along(position, direction))
         if added:
             result.lights = added
         for light, pose in zip(added, poses, strict=True):
             result.graph.update(light.name, matrix=pose)
 
 
-def _base_color(material: Material, has_colors: bool) -> tuple[float, ...]:
+def _get_base_color(material: Material, has_colors: bool) -> tuple[float, ...]:
     """Return a base colour, linear RGBA; alpha is 1 for opaque materials."""
     *rgb, alpha = material.base_color_over(has_colors)
     return *rgb, 1.0 if material.alpha_mode == "opaque" else alpha

@@ -1,4 +1,4 @@
-"""Show a scene that a program changes meanwhile, through a camera that the program has."""
+"""Show a scene that a program changes meanwhile, through the program's camera."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.viewer import viewer
 from rasterjit.viewer.controls import Event
-from rasterjit.viewer.effect_switches import MODAL
+from rasterjit.viewer.effect_switches import MODAL_EFFECTS
 from rasterjit.viewer.overlay import Row, write_panel
 
 
 class Window:
     """
-    A window that shows nothing by itself, for programs that place theirs or bring it forward.
+    A window by pyglet's interface that shows nothing, for programs that move or raise theirs.
 
-    It is where it was put and as large as the viewer says; what else is done to it has no effect.
+    It keeps its position and caption and is as large as the viewer says; all else has no effect.
     """
 
     viewport_size: Any
 
-    _place = (0, 0)
+    _location = (0, 0)
     _caption: str | None = None
 
     @property
     def _window(self) -> int:
-        """A number that stands for it: programs wait until it is not None."""
+        """A number: programs wait until it is not None."""
         return id(self)
 
     @property
@@ -47,7 +47,7 @@ class Window:
 
     @property
     def caption(self) -> str | None:
-        """Its title, as it was set."""
+        """The title as it was set."""
         return self._caption
 
     def get_size(self) -> tuple[int, int]:
@@ -55,22 +55,22 @@ class Window:
         return self.width, self.height
 
     def get_location(self) -> tuple[int, int]:
-        """Return x and y as they were set, pixels; at first 0."""
-        return self._place
+        """Return x and y as they were set, pixels; 0 by default."""
+        return self._location
 
     def set_location(self, x: int, y: int) -> None:
         """Keep x and y, pixels."""
-        self._place = x, y
+        self._location = x, y
 
     def set_caption(self, caption: str) -> None:
         """Keep a title."""
         self._caption = caption
 
     def set_size(self, width: int, height: int) -> None:
-        """Do nothing: whoever looks chooses the size."""
+        """Do nothing: the backend chooses the size."""
 
     def set_fullscreen(self, fullscreen: bool = True, *_: Any, **__: Any) -> None:
-        """Do nothing: whoever looks chooses the size."""
+        """Do nothing: the backend chooses the size."""
 
     def set_visible(self, visible: bool = True) -> None:
         """Do nothing."""
@@ -102,21 +102,21 @@ class Window:
 
 Camera = PerspectiveCamera | MatrixCamera
 
-PATIENCE = 0.1
-"""Seconds to wait for a program that changes its scene, before the last picture stays."""
+LOCK_TIMEOUT_SECONDS = 0.1
+"""Time to wait for a program that holds its scene before the last picture stays."""
 
-SETTLED = 0.2
-"""Seconds without a change after which pictures become better."""
+SETTLE_SECONDS = 0.2
+"""Time without a change after which pictures are refined."""
 
-MIN_SHARE = 4.0
-"""A look at the scene is followed by so many times its own length without one."""
+MIN_PAUSE_RATIO = 4.0
+"""Least ratio of the pause after a snapshot to the time that the snapshot took."""
 
-ARRAYS = (
+GEOMETRY_ARRAYS = (
     "vertices", "faces", "normals", "vertex_colors", "face_colors", "uv", "sizes", "widths"
 )  # fmt: skip
-"""What meshes, points and lines are made of."""
+"""Arrays of meshes, points and lines."""
 
-HELP: tuple[Row, ...] = (
+HELP_ROWS: tuple[Row, ...] = (
     ("drag", "turn"),
     ("Ctrl drag", "roll"),
     ("Shift or middle drag", "pan"),
@@ -133,27 +133,27 @@ HELP: tuple[Row, ...] = (
 )
 
 
-class Lens(MatrixCamera):
-    """A camera of any lens, with the place and the angles that pages tell."""
+class PosedCamera(MatrixCamera):
+    """A camera of any projection, with the position, axes and angle that pages show."""
 
     @property
     def eye(self) -> NDArray[np.float64]:
-        """Where it is, (3,), world space."""
+        """Position, (3,), world space."""
         return self._pose[:3, 3]
 
     @property
     def target(self) -> NDArray[np.float64]:
-        """A point in front of it, (3,), world space."""
+        """A point one unit in front of the eye, (3,), world space."""
         return self._pose[:3, 3] - self._pose[:3, 2]
 
     @property
     def up(self) -> NDArray[np.float64]:
-        """The picture's up, (3,), world space."""
+        """Upward axis of the picture, (3,), world space."""
         return self._pose[:3, 1]
 
     @property
     def fov_y(self) -> float:
-        """Vertical field of view, degrees, of a pinhole about as wide."""
+        """Vertical field of view of a pinhole with the same vertical scale, degrees."""
         return 2.0 * math.degrees(math.atan(1.0 / abs(float(self.clip_from_view[1, 1]))))
 
     @property
@@ -161,29 +161,29 @@ class Lens(MatrixCamera):
         return np.asarray(np.linalg.inv(self.view_from_world), np.float64)
 
 
-class Look(NamedTuple):
-    """What is to be seen at a moment."""
+class Snapshot(NamedTuple):
+    """The scene, camera and background at one moment."""
 
     scene: Scene
     camera: Camera
     background: NDArray[Any]
-    """(4,): opaque, codes or linear light."""
+    """(4,), opaque: sRGB codes or linear light."""
 
 
-class Showing(viewer.Viewer):
+class LiveView(viewer.Viewer):
     """
-    Shows what a source has, as it is at each moment.
+    A viewer of a source whose scene and camera change by themselves.
 
     Parameters
     ----------
     source : Viewer
-        What has a scene that changes, and a lock that is held by who looks at it or changes it.
+        Has the scene, and a lock that is held while it is read or changed.
     size : (int, int)
         Width and height of the pictures, pixels.
     name : str
-        What is shown.
-    ends : bool
-        Whether the source ends with it.
+        Name in the status line.
+    ends_source : bool
+        Whether closing this viewer ends the source.
 
     Raises
     ------
@@ -192,174 +192,181 @@ class Showing(viewer.Viewer):
     """
 
     is_live = True
-    help_rows = HELP
+    help_rows = HELP_ROWS
     help_key = "?"
 
-    def __init__(self, source: Any, size: tuple[int, int], name: str, ends: bool = True) -> None:
-        self._source, self._ends = source, ends
+    def __init__(
+        self, source: Any, size: tuple[int, int], name: str, ends_source: bool = True
+    ) -> None:
+        self._source, self._ends_source = source, ends_source
         with source.render_lock:
-            look = source.look(size)
-        if look is None:
-            raise ValueError("source must be one that goes on, got one that has ended")
-        self._look = look
+            snapshot = source.capture(size)
+        if snapshot is None:
+            raise ValueError("source must be active, got one that has ended")
+        self._snapshot = snapshot
         self._due = self._changed_at = 0.0
-        super().__init__(self._look.scene, self._look.camera, size=size, name=name)
-        self._options["background"] = self._look.background
+        super().__init__(self._snapshot.scene, self._snapshot.camera, size=size, name=name)
+        self._options["background"] = self._snapshot.background
         self._is_fitted, self._shows_line = False, False
 
-    def twin(self) -> Showing:
-        """Return another that shows the same source, in a size of its own."""
-        return Showing(self._source, self.size, self.name, ends=False)
+    def twin(self) -> LiveView:
+        """Return another viewer of the same source, whose size changes apart from this one's."""
+        return LiveView(self._source, self.size, self.name, ends_source=False)
 
     def close(self) -> None:
-        """End what is being rendered, and the source with it."""
+        """Stop rendering, and end the source if it belongs to this viewer."""
         super().close()
-        if self._ends:
+        if self._ends_source:
             self._source.end()
 
     @property
     def camera(self) -> Any:
-        """The camera as it stands: of the source."""
-        return self._look.camera
+        """The source's camera at the last snapshot."""
+        return self._snapshot.camera
 
     @property
     def line(self) -> str:
-        """What is shown, and how, after what the source says."""
+        """The status line, after the source's message."""
         message = self._source.message
         return f"{message}   {super().line}" if message else super().line
 
     @property
     def shows_line(self) -> bool:
-        """Whether the line is to be read where text has a place of its own; on pictures never."""
+        """Whether to show the status line beside pictures: always; it is never drawn on them."""
         return True
 
     @property
     def is_moving(self) -> bool:
-        """Whether the scene or the camera changed just now."""
-        return self._source.is_turning or time.monotonic() - self._changed_at < SETTLED
+        """Whether the scene or the camera changed within the last ``SETTLE_SECONDS``."""
+        return self._source.is_rotating or time.monotonic() - self._changed_at < SETTLE_SECONDS
 
     def resize(self, size: tuple[int, int], ratio: float = 1.0) -> None:
-        """Make pictures of another size from now on; ``ratio``: pixels for one of an event's."""
+        """Change the size of the pictures; ``ratio``: picture pixels for one of an event's."""
         before = self.size
         super().resize(size, ratio)
         if self.size != before:
-            self._source.note_size(self.size)
-            self._look_now()
+            self._source.apply_picture_size(self.size)
+            self._update()
 
     def handle(self, event: Event) -> None:
-        """Take an event in."""
+        """Pass an event to the source, else handle the keys of pictures and help."""
         width, height = self.size
         try:
-            is_known = self._source.take(event, (width / self.ratio, height / self.ratio))
+            is_known = self._source.handle_event(event, (width / self.ratio, height / self.ratio))
         except Exception as error:
             self._source.fail(error)
             return
         if is_known:
-            self._look_now()
+            self._update()
         elif event.get("event_type") == "key_down":
             key = str(event.get("key", ""))
-            if key in viewer.KINDS or key == "Escape":
+            if key in viewer.KIND_KEYS or key == "Escape":
                 self._handle_key(key)
             elif key == "?":
                 self._shows_help = not self._shows_help
 
     def advance(self, seconds: float) -> None:
-        """Look at the scene, if it is time to."""
+        """Update from the source if an update is due."""
         if time.monotonic() >= self._due:
-            self._look_now()
+            self._update()
 
     def look_from(self, camera: Any) -> None:
-        """Put the source's camera where another stands."""
-        self._source.look_from(np.linalg.inv(camera.view_matrix()))
-        self._look_now()
+        """Move the source's camera to the pose of another."""
+        self._source.set_camera_pose(np.linalg.inv(camera.view_matrix()))
+        self._update()
 
-    def _look_now(self) -> None:
-        """Show the scene as it is, unless the program holds it."""
+    def _update(self) -> None:
+        """Show the scene as it is now, unless the program holds it for long."""
         source, began = self._source, time.monotonic()
-        if not source.render_lock.acquire(timeout=PATIENCE):
+        if not source.render_lock.acquire(timeout=LOCK_TIMEOUT_SECONDS):
             return
         try:
-            look = source.look(self.size)
-            is_new = look is not None and self._take(look)
+            snapshot = source.capture(self.size)
+            is_new = snapshot is not None and self._apply_snapshot(snapshot)
         except Exception as error:
             source.fail(error)
             return
         finally:
             source.render_lock.release()
         now = time.monotonic()
-        self._due = max(began + source.looks_each, now + MIN_SHARE * (now - began))
+        self._due = max(began + source.refresh_interval, now + MIN_PAUSE_RATIO * (now - began))
         if is_new:
             self._changed_at = now
             self._invalidate()
 
-    def _take(self, look: Look) -> bool:
-        """Take what is to be seen, and tell whether it is something else than before."""
-        before = self._look
-        is_same_view = before.camera is look.camera or _same_camera(before.camera, look.camera)
-        is_same_scene = same_scene(before.scene, look.scene)
-        is_same_back = np.array_equal(before.background, look.background)
-        if is_same_view and is_same_scene and is_same_back:
+    def _apply_snapshot(self, snapshot: Snapshot) -> bool:
+        """Show a snapshot; tell whether it differs from the one before."""
+        before = self._snapshot
+        is_same_view = _is_same_camera(before.camera, snapshot.camera)
+        is_same_scene = scenes_look_alike(before.scene, snapshot.scene)
+        is_same_background = np.array_equal(before.background, snapshot.background)
+        if is_same_view and is_same_scene and is_same_background:
             return False
-        self._look = look if not is_same_view else look._replace(camera=before.camera)
-        self._options["background"] = look.background
+        self._snapshot = snapshot if not is_same_view else snapshot._replace(camera=before.camera)
+        self._options["background"] = snapshot.background
         if is_same_scene:
             return True
-        self.scene = self._visible = look.scene
-        self._modes = {key: one.mode_of(look.scene) for key, one in MODAL.items()}
+        self.scene = self._visible = snapshot.scene
+        self._modes = {key: one.mode_of(snapshot.scene) for key, one in MODAL_EFFECTS.items()}
         if self._switched or self._hidden:
-            # Times of pictures stay known, as near as they are.
+            # The measured times still hold about.
             times = self._times
             self._rebuild()
             self._times = times
         return True
 
     def _draw_overlay(self, picture: NDArray[np.uint8]) -> None:
-        """Write what is to be read on a picture."""
+        """Draw the usual overlay and the source's message."""
         super()._draw_overlay(picture)
         if self.writes_text and (message := self._source.message):
             write_panel(picture, [(message,)], "bottom right", self.ratio)
 
     @property
     def stamp(self) -> tuple[Any, ...]:
-        """What the picture depends on."""
+        """A key of the picture: while it is equal, so is what `draw` returns."""
         return *super().stamp, self._source.message
 
 
-def same_scene(one: Scene, other: Scene) -> bool:
-    """Tell whether two scenes show the same."""
+def scenes_look_alike(one: Scene, other: Scene) -> bool:
+    """Tell whether two scenes give the same pictures."""
     return (
         len(one.nodes) == len(other.nodes)
         and one.lights == other.lights
-        and (one._reference is other._reference or _same_light(one._reference, other._reference))
+        and _is_same_reference(one._reference, other._reference)
         and all(getattr(one, name) == getattr(other, name) for name in EFFECT_FIELDS)
-        and all(_same_node(a, b) for a, b in zip(one.nodes, other.nodes, strict=True))
+        and all(_is_same_node(a, b) for a, b in zip(one.nodes, other.nodes, strict=True))
     )
 
 
-def _same_light(one: Any, other: Any) -> bool:
-    return one is not None and one.equals(other)
+def _is_same_reference(one: Any, other: Any) -> bool:
+    return one is other or (one is not None and one.equals(other))
 
 
-def _same_node(one: Node, other: Node) -> bool:
+def _is_same_node(one: Node, other: Node) -> bool:
     return (
         one.name == other.name
         and np.array_equal(one.transform, other.transform)
-        and (one.mesh is other.mesh or _same_mesh(one.mesh, other.mesh))
+        and (one.mesh is other.mesh or _is_same_mesh(one.mesh, other.mesh))
     )
 
 
-def _same_mesh(one: Any, other: Any) -> bool:
-    """Tell whether two meshes are: points are made anew for each look."""
+def _is_same_mesh(one: Any, other: Any) -> bool:
+    """Tell whether two meshes are equal: each snapshot has new `Points`."""
     if type(one) is not type(other) or one.material != other.material:
         return False
-    return all(_same_array(getattr(one, name, None), getattr(other, name, None)) for name in ARRAYS)
+    return all(
+        _is_same_array(getattr(one, name, None), getattr(other, name, None))
+        for name in GEOMETRY_ARRAYS
+    )
 
 
-def _same_array(one: Any, other: Any) -> bool:
+def _is_same_array(one: Any, other: Any) -> bool:
     return one is other or (one is not None and other is not None and np.array_equal(one, other))
 
 
-def _same_camera(one: Camera, other: Camera) -> bool:
+def _is_same_camera(one: Camera, other: Camera) -> bool:
+    if one is other:
+        return True
     if isinstance(one, PerspectiveCamera) or isinstance(other, PerspectiveCamera):
         return bool(one == other)
     return np.array_equal(one.view_from_world, other.view_from_world) and np.array_equal(

@@ -1,4 +1,4 @@
-"""Turn a scene of the adapter's into one of RasterJIT's."""
+"""Convert a scene of this adapter to one of RasterJIT's."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.compat.opengl_camera import matrix_camera
+from rasterjit.compat.opengl_camera import make_matrix_camera
 from rasterjit.compat.pyrender.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.compat.pyrender.constants import GLTF, SHADOW_TEX_SZ, RenderFlags
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
-from rasterjit.compat.pyrender.primitive import Primitive, finite
+from rasterjit.compat.pyrender.primitive import Primitive, zero_nonfinite
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
@@ -36,38 +36,38 @@ Float64 = NDArray[np.float64]
 LINE_MODES = (GLTF.LINES, GLTF.LINE_LOOP, GLTF.LINE_STRIP)
 """Modes of primitives that are lines."""
 
-WIDTH = 1.0
-"""Of lines, pixels."""
+LINE_WIDTH = 1.0
+"""Width of lines, pixels."""
 
-DEPTH_OFFSET = 0.5, 0.5
+LINE_DEPTH_OFFSET = 0.5, 0.5
 """
-Where Mesa takes depths and attributes of lines from, with several samples a pixel: half a pixel to
-the right of each and above it, which is below in pictures that are drawn upside down.
+Offset, pixels, at which Mesa reads depths and attributes of lines with several samples a pixel: to
+the right of each sample and above it, which is below in pictures drawn upside down.
 """
 
 NORMAL_COLOR = 0.1, 0.1, 1.0
-"""What normals are drawn in, shares of 255."""
+"""Colour of normals, shares of 255."""
 
 NORMAL_LENGTH = 0.05
-"""Of normals, of their primitive's scale."""
+"""Length of normals, as a share of their primitive's scale."""
 
 
 class LitLines(Lines):
     """
-    Lines that have normals and texture coordinates, so that any material will do.
+    Lines with normals and texture coordinates, which any material can shade.
 
     Parameters
     ----------
     points : (V, 3) array_like
     segments : (S, 2) array_like of int
     normals : (V, 3) array_like, optional
-        Of any length; they change along segments.
+        Of any length; interpolated along segments.
     uv : (V, 2) array_like, optional
     colors : (V, 4) array_like, optional
     material : Material
     depth_offset : (float, float)
-        Where depths and attributes are taken from: how far to the right of each sample and below
-        it, pixels.
+        Offset at which depths and attributes are read, to the right of each sample and below it,
+        pixels.
 
     Raises
     ------
@@ -87,18 +87,18 @@ class LitLines(Lines):
         depth_offset: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         super().__init__(
-            points, segments, colors=colors, width=WIDTH, caps="butt", material=material,
+            points, segments, colors=colors, width=LINE_WIDTH, caps="butt", material=material,
             on_invalid="drop",
         )  # fmt: skip
         self._depth_offset = depth_offset
-        # What lines have none of by themselves, checked as that of faces is.
-        own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv, on_invalid="drop")
-        self._normals = self._vertex_normals = own.normals
-        self._uv = own.uv
+        # `Lines` takes neither normals nor uv: a mesh checks them.
+        checked = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv, on_invalid="drop")
+        self._normals = self._vertex_normals = checked.normals
+        self._uv = checked.uv
 
     @property
     def links(self) -> NDArray[np.int32]:
-        """(S, 2) int32: -1, for nothing is joined."""
+        """(S, 2) int32: -1, as no segments are joined."""
         if self._links is None:
             self._links = np.full((len(self), 2), -1, np.int32)
         return self._links
@@ -107,15 +107,15 @@ class LitLines(Lines):
     def _check_material(name: str, value: Any) -> None:
         Mesh._check_material(name, value)
 
-    def picked(self, is_picked: NDArray[np.bool_]) -> LitLines:
-        """Return some of the segments, (S,) bool, of the same points."""
-        some = copy.copy(self)
-        some._faces = read_only(self._faces[is_picked])
-        some._links = some._bounds = None
-        return some
+    def select_segments(self, is_picked: NDArray[np.bool_]) -> LitLines:
+        """Return lines with the marked segments, (S,) bool, of the same points."""
+        selected = copy.copy(self)
+        selected._faces = read_only(self._faces[is_picked])
+        selected._links = selected._bounds = None
+        return selected
 
-    def shown_by(self, material: Material) -> LitLines:
-        """Return the lines under another material."""
+    def with_material(self, material: Material) -> LitLines:
+        """Return the lines with another material."""
         if self._material == material:
             return self
         other = copy.copy(self)
@@ -126,33 +126,33 @@ class LitLines(Lines):
 class _Edges:
     """The edges of a primitive's faces."""
 
-    def __init__(self, primitive: Primitive, look: Material) -> None:
-        faces = primitive.faces()
-        self._segments, self._of_faces = _edges_between(faces)
-        self._planes = _planes_of(primitive.positions.astype(np.float64)[faces])
-        self._all = _lit_lines(primitive, self._segments, look, DEPTH_OFFSET)
+    def __init__(self, primitive: Primitive, material: Material) -> None:
+        faces = primitive.list_faces()
+        self._segments, self._of_faces = _list_edges(faces)
+        self._planes = _compute_planes(primitive.positions.astype(np.float64)[faces])
+        self._all = _make_lit_lines(primitive, self._segments, material, LINE_DEPTH_OFFSET)
         self._eye: Float64 | None = None
         self._drawn: tuple[NDArray[np.bool_], LitLines] | None = None
 
-    def all_of_them(self, look: Material) -> LitLines:
+    def get_all(self, material: Material) -> LitLines:
         """Return all edges."""
-        self._all = self._all.shown_by(look)
+        self._all = self._all.with_material(material)
         return self._all
 
-    def of_front_faces(self, look: Material, clip_from_model: Float64) -> LitLines | None:
-        """Return the edges of faces that are seen counterclockwise, or None without any."""
-        eye = _eye_of(clip_from_model)
+    def get_front(self, material: Material, clip_from_model: Float64) -> LitLines | None:
+        """Return the edges of faces that appear counterclockwise, or None without any."""
+        eye = _compute_eye(clip_from_model)
         if self._eye is None or not np.array_equal(self._eye, eye):
-            self._pick(eye)
+            self._select_front(eye)
             self._eye = eye
         if self._drawn is None:
             return None
-        self._drawn = self._drawn[0], self._drawn[1].shown_by(look)
+        self._drawn = self._drawn[0], self._drawn[1].with_material(material)
         return self._drawn[1]
 
-    def _pick(self, eye: Float64) -> None:
-        """Find what is drawn where the eye is here, (4,); with w 0 it is infinitely far away."""
-        # Which side of a plane it is on.
+    def _select_front(self, eye: Float64) -> None:
+        """Select the edges of faces in front of an eye, homogeneous (4,)."""
+        # The side of each plane that the eye is on.
         (a, b, c, d), (x, y, z, w) = self._planes, eye
         is_front = ((a * x + b * y) + c * z) + d * w > 0.0
         is_picked = np.zeros(len(self._segments), np.bool_)
@@ -160,11 +160,11 @@ class _Edges:
         if not is_picked.any():
             self._drawn = None
         elif self._drawn is None or not np.array_equal(self._drawn[0], is_picked):
-            self._drawn = is_picked, self._all.picked(is_picked)
+            self._drawn = is_picked, self._all.select_segments(is_picked)
 
 
-def edges_of(
-    primitive: Primitive, place: Float64, look: Material, camera: MatrixCamera | None
+def make_edges(
+    primitive: Primitive, pose: Float64, material: Material, camera: MatrixCamera | None
 ) -> LitLines | None:
     """
     Return the edges of a primitive's triangles, in model space; None without any.
@@ -172,24 +172,24 @@ def edges_of(
     Parameters
     ----------
     primitive : Primitive
-    place : (4, 4) float64
+    pose : (4, 4) float64
         ``world_from_model``.
-    look : Material
+    material : Material
     camera : MatrixCamera, optional
-        What culls faces; without it all have edges.
+        Culls back faces; without it all faces have edges.
     """
-    key = "edges", look.shading
+    key = "edges", material.shading
     if key not in primitive._drawn:
-        primitive._drawn[key] = _Edges(primitive, look)
+        primitive._drawn[key] = _Edges(primitive, material)
     edges: _Edges = primitive._drawn[key]
     if camera is None:
-        return edges.all_of_them(look)
-    clip_from_model = transforms.compose(camera.clip_from_view, camera.view_from_world, place)
-    return edges.of_front_faces(look, clip_from_model)
+        return edges.get_all(material)
+    clip_from_model = transforms.compose(camera.clip_from_view, camera.view_from_world, pose)
+    return edges.get_front(material, clip_from_model)
 
 
-def lines_of(
-    primitive: Primitive, look: Material, depth_offset: tuple[float, float] = DEPTH_OFFSET
+def make_lines(
+    primitive: Primitive, material: Material, depth_offset: tuple[float, float] = LINE_DEPTH_OFFSET
 ) -> LitLines | None:
     """
     Return the lines of a primitive of lines, a loop or a strip, in model space; None without any.
@@ -197,34 +197,39 @@ def lines_of(
     Parameters
     ----------
     primitive : Primitive
-    look : Material
+    material : Material
     depth_offset : (float, float)
-        Where depths and attributes are taken from; see `LitLines`.
+        Offset at which depths and attributes are read; see `LitLines`.
     """
-    segments = _segments_of(primitive)
+    segments = _list_segments(primitive)
     if not len(segments):
         return None
-    key = "lines", look.shading, depth_offset
-    known = primitive._drawn.get(key) or _lit_lines(primitive, segments, look, depth_offset)
-    primitive._drawn[key] = known.shown_by(look)
+    key = "lines", material.shading, depth_offset
+    lines = primitive._drawn.get(key)
+    lines = lines or _make_lit_lines(primitive, segments, material, depth_offset)
+    primitive._drawn[key] = lines.with_material(material)
     return primitive._drawn[key]
 
 
-def _lit_lines(
+def _make_lit_lines(
     primitive: Primitive,
     segments: NDArray[np.int64],
-    look: Material,
+    material: Material,
     depth_offset: tuple[float, float],
 ) -> LitLines:
     """Return lines between vertices of a primitive."""
     return LitLines(
-        primitive.positions, segments, normals=finite(primitive.normals),
-        uv=finite(primitive.texcoord_0), colors=primitive.colors(look.shading == "pbr"),
-        material=look, depth_offset=depth_offset,
-    )  # fmt: skip
+        primitive.positions,
+        segments,
+        normals=zero_nonfinite(primitive.normals),
+        uv=zero_nonfinite(primitive.texcoord_0),
+        colors=primitive.get_colors(material.shading == "pbr"),
+        material=material,
+        depth_offset=depth_offset,
+    )
 
 
-def normals_of(
+def make_normal_lines(
     primitive: Primitive, of_vertices: bool, of_faces: bool, color: NDArray[np.float32]
 ) -> Lines | None:
     """
@@ -234,53 +239,54 @@ def normals_of(
     ----------
     primitive : Primitive
     of_vertices, of_faces : bool
-        Of which there are normals. Points have those of vertices.
+        Whether to draw the normals of vertices and of faces. Points have those of vertices.
     color : (4,) float32, linear
     """
     if primitive.normals is None:
         return None
-    starts, ways = [], []
-    faces, positions = primitive.faces(), primitive.positions.astype(np.float64)
+    starts, directions = [], []
+    faces, positions = primitive.list_faces(), primitive.positions.astype(np.float64)
     if of_vertices or not len(faces):
         starts.append(positions)
-        ways.append(unit_rows(primitive.normals.astype(np.float64)))
+        directions.append(unit_rows(primitive.normals.astype(np.float64)))
     if of_faces and len(faces):
         a, b, c = np.moveaxis(positions[faces], 1, 0)
         starts.append((a + b + c) / 3.0)
-        ways.append(unit_rows(np.cross(b - a, c - a)))
+        directions.append(unit_rows(np.cross(b - a, c - a)))
     if not starts:
         return None
     first = np.concatenate(starts)
-    last = first + NORMAL_LENGTH * float(primitive.scale) * np.concatenate(ways)
+    last = first + NORMAL_LENGTH * float(primitive.scale) * np.concatenate(directions)
     numbers = np.arange(len(first))
     return Lines(
         np.concatenate([first, last]), np.stack([numbers, numbers + len(first)], axis=1),
-        colors=np.tile(color, (len(first), 1)), width=WIDTH, caps="butt", on_invalid="drop",
+        colors=np.tile(color, (len(first), 1)), width=LINE_WIDTH, caps="butt", on_invalid="drop",
     )  # fmt: skip
 
 
-def turns(camera: MatrixCamera, place: Float64) -> bool:
+def is_winding_flipped(camera: MatrixCamera, pose: Float64) -> bool:
     """
-    Tell whether front faces are seen clockwise, so that OpenGL takes them for back faces.
+    Tell whether front faces appear clockwise, so that OpenGL takes them for back faces.
 
-    It goes by the picture alone: mirrored poses and projections turn faces over.
+    OpenGL goes by the picture alone: mirrored poses and projections flip the winding.
     """
     clip = camera.clip_from_view
-    # What grows with depth: w of a perspective, else z.
-    deep = 3 if clip[3, :3].any() else 2
-    return (_volume(clip[[0, 1, deep], :3]) > 0.0) != (_volume(place[:3, :3]) < 0.0)
+    # The row that grows with depth: w of a perspective, else z.
+    depth_row = 3 if clip[3, :3].any() else 2
+    is_clip_positive = _compute_volume(clip[[0, 1, depth_row], :3]) > 0.0
+    return is_clip_positive != (_compute_volume(pose[:3, :3]) < 0.0)
 
 
-def _segments_of(primitive: Primitive) -> NDArray[np.int64]:
-    """Return the numbers of the points at the ends of each segment, (S, 2)."""
-    numbers = primitive.order()
+def _list_segments(primitive: Primitive) -> NDArray[np.int64]:
+    """Return the vertex numbers of the ends of each segment, (S, 2)."""
+    numbers = primitive.list_vertices()
     if primitive.mode == GLTF.LINES:
         return numbers[: len(numbers) // 2 * 2].reshape(-1, 2)
     ends = np.roll(numbers, -1) if primitive.mode == GLTF.LINE_LOOP else numbers[1:]
     return np.stack([numbers[: len(ends)], ends], axis=1)
 
 
-def _edges_between(
+def _list_edges(
     faces: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return each edge once, (E, 2), in the order of faces, and the edges of each face, (F, 3)."""
@@ -295,25 +301,25 @@ def _edges_between(
     return ends[first[order]], ranks[inverse].reshape(-1, 3)
 
 
-def _planes_of(corners: Float64) -> Float64:
-    """Return the planes of triangles, (F, 3, 3), whose product with a point is a volume, (4, F)."""
+def _compute_planes(corners: Float64) -> Float64:
+    """Return the planes of triangles, (F, 3, 3), as coefficients, (4, F)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     normals = np.cross(b - a, c - a)
     return np.stack([*normals.T, -dot_rows(normals, a)])
 
 
-def _eye_of(clip_from_model: Float64) -> list[float]:
+def _compute_eye(clip_from_model: Float64) -> list[float]:
     """
-    Return the point that clip x, y and w take to 0, four numbers, homogeneous.
+    Return the eye in model space, four homogeneous numbers: clip x, y and w map it to 0.
 
-    Its product with a plane is the determinant of clip x, y and w of three of its points, which is
-    above 0 where they are seen counterclockwise.
+    Its product with the plane of a triangle is the determinant of clip x, y and w of the corners,
+    which is above 0 where they appear counterclockwise.
     """
     rows = clip_from_model[[0, 1, 3]]
-    return [(1.0, -1.0)[k % 2] * _volume(np.delete(rows, k, axis=1)) for k in range(4)]
+    return [(1.0, -1.0)[k % 2] * _compute_volume(np.delete(rows, k, axis=1)) for k in range(4)]
 
 
-def _volume(rows: Float64) -> float:
+def _compute_volume(rows: Float64) -> float:
     """Return the signed volume that three vectors, (3, 3), span."""
     a, b, c = rows.tolist()
     return dot(a, cross(b, c))
@@ -325,42 +331,42 @@ _SHADOW_FLAGS = {
     SpotLight: RenderFlags.SHADOWS_SPOT,
     PointLight: RenderFlags.SHADOWS_POINT,
 }
-_MAX = {DirectionalLight: 4, SpotLight: 4, PointLight: 4}
-"""Most lights of a kind that fall on an object."""
+_MAX_LIGHTS = {DirectionalLight: 4, SpotLight: 4, PointLight: 4}
+"""Most lights of a kind that light an object."""
 _SPARE_TEXTURES = 26
-"""Textures that are left for shadow maps where a fragment shader has 32 and materials 6."""
+"""Texture units left for shadow maps: a fragment shader has 32, materials use 6."""
 _SHAPE_FLAGS = RenderFlags.DEPTH_ONLY | RenderFlags.SEG
-"""Flags with which materials do not count: faces are filled, and culled."""
+"""Flags that ignore materials: faces are filled and culled."""
 
 
-class Seen(NamedTuple):
-    """How a scene is seen."""
+class Viewpoint(NamedTuple):
+    """The camera and the viewport of a picture."""
 
     camera: MatrixCamera
     size: tuple[int, int]
-    """Of the viewport, pixels."""
+    """Width and height of the viewport, pixels."""
     point_size: float
     """Side of points, pixels."""
 
 
 class LightView(NamedTuple):
-    """What a light sees."""
+    """The shadow map of a light: its camera and depths."""
 
     camera: MatrixCamera
     depths: NDArray[np.float32]
-    """(S, S): as ``scene.reference_shader.DepthMap`` has them."""
+    """(S, S), as in ``scene.reference_shader.DepthMap``."""
 
 
-class Drawing(NamedTuple):
-    """A scene as RasterJIT draws it."""
+class ConvertedScene(NamedTuple):
+    """A scene of RasterJIT's made of one of this adapter."""
 
     scene: scenes.Scene
     owners: list[Node]
-    """The node that each of its objects belongs to."""
+    """The adapter's node of each object."""
     is_blended: bool
-    """Whether anything is seen through."""
+    """Whether any object is blended."""
     fades: bool
-    """Whether any alpha is below 1, seen through or not."""
+    """Whether any alpha is below 1, blended or not."""
 
 
 def check_flags(flags: int) -> RenderFlags:
@@ -371,27 +377,27 @@ def check_flags(flags: int) -> RenderFlags:
         raise ValueError(f"flags must be RenderFlags, got {flags!r}") from None
 
 
-def background_codes(scene: Scene) -> NDArray[np.uint8]:
-    """Return the background, (4,) uint8, as the picture shows it."""
+def quantize_background(scene: Scene) -> NDArray[np.uint8]:
+    """Return the background colour as codes, (4,) uint8."""
     return np.floor(np.clip(scene.bg_color, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 
-def background_light(codes: NDArray[np.uint8], flags: RenderFlags) -> NDArray[np.float32]:
-    """Return what is shown as codes, (4,)."""
+def decode_background(codes: NDArray[np.uint8], flags: RenderFlags) -> NDArray[np.float32]:
+    """Return the linear RGBA, (4,), that a picture shows as these codes."""
     light = decode_codes("as is" if flags & RenderFlags.FLAT else "gamma 2.2")
     return np.append(light[codes[:3]], decode_codes("as is")[codes[3]])
 
 
-def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
+def make_camera(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
     """Return the main camera for a viewport, or raise ``ValueError`` if there is none."""
     node = scene.main_camera_node
     if node is None or node.camera is None:
         raise ValueError("scene must have a camera: add one, such as PerspectiveCamera(yfov=1.0)")
     clip = np.array(node.camera.get_projection_matrix(*size), np.float64)
-    return _camera(_inverse_of("camera", scene.get_pose(node)), clip)
+    return _make_unmirrored_camera(_invert_pose("camera", scene.get_pose(node)), clip)
 
 
-def _inverse_of(what: str, pose: Float64) -> Float64:
+def _invert_pose(what: str, pose: Float64) -> Float64:
     """Return the inverse of a pose, or raise ``ValueError`` naming whose it is."""
     try:
         return transforms.inverse(pose)
@@ -401,16 +407,16 @@ def _inverse_of(what: str, pose: Float64) -> Float64:
         ) from None
 
 
-def _camera(view: Float64, clip: Float64) -> MatrixCamera:
-    """Return a camera of these matrices."""
+def _make_unmirrored_camera(view: Float64, clip: Float64) -> MatrixCamera:
+    """Return a camera of two matrices, whose view does not mirror."""
     view[3] = 0.0, 0.0, 0.0, 1.0
     if mirrors(view):
-        # The same picture, of axes that are a right hand's.
+        # Flip x in both: the picture is the same.
         view[0], clip[:, 0] = -view[0], -clip[:, 0]
-    return matrix_camera(view, clip)
+    return make_matrix_camera(view, clip)
 
 
-def convert(
+def convert_scene(
     scene: Scene,
     flags: RenderFlags,
     *,
@@ -418,25 +424,26 @@ def convert(
     shapes_alone: bool = False,
     alphas_alone: bool = False,
     views: Mapping[Node, LightView] | None = None,
-    seen: Seen | None = None,
-) -> Drawing:
+    viewpoint: Viewpoint | None = None,
+) -> ConvertedScene:
     """
-    Return a scene with its lights, in the order in which nodes were added.
+    Convert a scene with its lights to RasterJIT's, in the order in which nodes were added.
 
     Parameters
     ----------
     scene : Scene
     flags : RenderFlags
     only : set of Node, optional
-        What is drawn; default: all that is visible.
+        Nodes that are drawn; default: all visible ones.
     shapes_alone : bool
-        Whether nothing but depth and numbers is asked for: then all is opaque.
+        Whether only depth and numbers are requested: then everything is opaque.
     alphas_alone : bool
-        Whether alphas are shown as greys, without lights.
+        Whether alphas are drawn as greys, without lights.
     views : mapping of Node to LightView, optional
-        What lights see; shadows of others are those of RasterJIT.
-    seen : Seen, optional
-        How it is seen; without it points are left out, and edges of all faces are drawn.
+        Shadow maps of lights; other lights have shadows of RasterJIT's.
+    viewpoint : Viewpoint, optional
+        Needed for points and for culling edges: without it points are left out, and edges of all
+        faces are drawn.
     """
     drawn, owners, is_blended, fades = scenes.Scene(), [], False, False
     if alphas_alone:
@@ -444,6 +451,7 @@ def convert(
     faces_viewer: list[bool] = []
     are_squares: list[bool] = []
     gains: list[NDArray[np.float32]] = []
+    # The shapes, and for each what shading like the reference's reads.
     for node in _drawing_order(scene):
         mesh = node.mesh
         if mesh is None or not mesh.is_visible or (only is not None and node not in only):
@@ -456,49 +464,52 @@ def convert(
                 continue
             fades = fades or primitive.fades
             if alphas_alone:
-                primitive = primitive.of_alphas()
-            look = _material(primitive, flags, shapes_alone)
-            is_blended = is_blended or look.alpha_mode == "blend"
-            for place in [pose] if primitive.poses is None else _places(pose, primitive.poses):
-                shape, own = _shape(primitive, place, look, flags, seen)
+                primitive = primitive.show_alpha()
+            material = _make_material(primitive, flags, shapes_alone)
+            is_blended = is_blended or material.alpha_mode == "blend"
+            for instance_pose in _list_instance_poses(pose, primitive.poses):
+                shape, own = _make_shape(primitive, instance_pose, material, flags, viewpoint)
                 if shape is not None:
                     drawn.add(shape, own, node.name or "points")
                     owners.append(node)
                     faces_viewer.append(primitive.normals is None)
                     are_squares.append(primitive.mode == GLTF.POINTS)
-                    gains.append(primitive.gains())
-                lines = _normals(primitive, flags)
+                    gains.append(primitive.compute_gains())
+                lines = _make_normals(primitive, flags)
                 if lines is not None:
-                    drawn.add(lines, place, f"normals of {node.name}")
+                    drawn.add(lines, instance_pose, f"normals of {node.name}")
                     owners.append(node)
                     faces_viewer.append(False)
                     are_squares.append(False)
                     gains.append(np.ones(6, np.float32))
     if not shapes_alone:
-        of_objects = faces_viewer, are_squares, gains
-        drawn._reference = _imitation(drawn, owners, of_objects, scene, flags, views or {})
-    return Drawing(drawn, owners, is_blended, fades)
+        drawn._reference = _make_reference_shading(
+            drawn, owners, (faces_viewer, are_squares, gains), scene, flags, views or {}
+        )
+    return ConvertedScene(drawn, owners, is_blended, fades)
 
 
-def _places(pose: Float64, instances: Float64) -> list[Float64]:
-    """Return where instances stand whose poses are finite."""
+def _list_instance_poses(pose: Float64, instances: Float64 | None) -> list[Float64]:
+    """Return the finite poses of instances; without instances, the pose alone."""
+    if instances is None:
+        return [pose]
     return [transforms.compose(pose, own) for own in instances if np.isfinite(own).all()]
 
 
-def _normals(primitive: Primitive, flags: RenderFlags) -> SceneMesh | None:
-    """Return the normals that flags ask for as lines, None without any."""
+def _make_normals(primitive: Primitive, flags: RenderFlags) -> SceneMesh | None:
+    """Return the normals that flags request as lines; None if they request none."""
     of_vertices, of_faces = (
         bool(flags & flag) for flag in (RenderFlags.VERTEX_NORMALS, RenderFlags.FACE_NORMALS)
     )
     if not (of_vertices or of_faces):
         return None
     codes = np.round(np.append(NORMAL_COLOR, 1.0) * 255.0).astype(np.uint8)
-    return normals_of(primitive, of_vertices, of_faces, background_light(codes, flags))
+    return make_normal_lines(primitive, of_vertices, of_faces, decode_background(codes, flags))
 
 
 def _drawing_order(scene: Scene) -> list[Node]:
-    """Return the nodes that have meshes, those seen through last and from far to near."""
-    nodes = scene._drawn()
+    """Return the nodes with meshes, transparent ones last and from far to near."""
+    nodes = scene._list_drawn_nodes()
     blended = [node for node in nodes if node.mesh.is_transparent]
     if not blended or scene.main_camera_node is None:
         return nodes
@@ -508,35 +519,39 @@ def _drawing_order(scene: Scene) -> list[Node]:
     return solid + sorted(blended, key=away.__getitem__, reverse=True)
 
 
-def _shape(
-    primitive: Primitive, place: Float64, look: Material, flags: RenderFlags, seen: Seen | None
+def _make_shape(
+    primitive: Primitive,
+    pose: Float64,
+    material: Material,
+    flags: RenderFlags,
+    viewpoint: Viewpoint | None,
 ) -> tuple[SceneMesh | None, Float64]:
-    """Return what a primitive is drawn by, None if by nothing, and its pose."""
+    """Return the mesh, lines or squares of a primitive, None for nothing, and their pose."""
     if primitive.mode == GLTF.POINTS:
-        is_lit = look.shading == "pbr"
-        shape = None if seen is None else _squares(primitive, place, seen, is_lit)
+        is_lit = material.shading == "pbr"
+        shape = None if viewpoint is None else _make_squares(primitive, pose, viewpoint, is_lit)
         if shape is not None:
-            shape.material = look
+            shape.material = material
         return shape, np.eye(4)
     if primitive.mode in LINE_MODES:
         is_sampled = not flags & RenderFlags.SEG
-        depth_offset = DEPTH_OFFSET if is_sampled else (0.0, 0.0)
-        return lines_of(primitive, look, depth_offset), place
+        depth_offset = LINE_DEPTH_OFFSET if is_sampled else (0.0, 0.0)
+        return make_lines(primitive, material, depth_offset), pose
     if _is_wire(primitive, flags):
-        culling = None if seen is None or look.double_sided else seen.camera
-        return edges_of(primitive, place, look, culling), place
-    is_turned = seen is not None and turns(seen.camera, place)
-    return primitive.drawn(not flags & RenderFlags.FLAT, look, is_turned), place
+        culling = None if viewpoint is None or material.double_sided else viewpoint.camera
+        return make_edges(primitive, pose, material, culling), pose
+    is_turned = viewpoint is not None and is_winding_flipped(viewpoint.camera, pose)
+    return primitive.convert(not flags & RenderFlags.FLAT, material, is_turned), pose
 
 
-def _material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> Material:
-    """Return the look of a primitive."""
+def _make_material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> Material:
+    """Return the material of a primitive."""
     if flags & _SHAPE_FLAGS:
         return Material("unlit", double_sided=False)
     is_culled = not flags & RenderFlags.SKIP_CULL_FACES and primitive.mode != GLTF.POINTS
     if shapes_alone:
         return Material("unlit", double_sided=primitive.material.doubleSided or not is_culled)
-    return primitive.material.drawn(
+    return primitive.material.convert(
         has_uv=primitive.texcoord_0 is not None and primitive.mode != GLTF.POINTS,
         is_lit=not flags & RenderFlags.FLAT,
         is_culled=is_culled,
@@ -552,56 +567,57 @@ def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
     return bool(flags & RenderFlags.ALL_WIREFRAME) or primitive.material.wireframe != is_flipped
 
 
-def _imitation(
+def _make_reference_shading(
     drawn: scenes.Scene, owners: list[Node],
-    ways: tuple[list[bool], list[bool], list[NDArray[np.float32]]], scene: Scene,
+    object_rows: tuple[list[bool], list[bool], list[NDArray[np.float32]]], scene: Scene,
     flags: RenderFlags, views: Mapping[Node, LightView],
 ) -> ReferenceShading:  # fmt: skip
     """
-    Add the lights; return how bright they are, what they fall on and what codes show of it.
+    Add the lights; return their radiance, the objects that each lights, and the objects' rows.
 
-    ``ways`` tells of each object whether its normals face the viewer, whether it is of squares, and
-    its gains.
+    ``object_rows`` tells of each object whether its normals face the viewer, whether it consists of
+    squares, and its gains.
     """
-    nodes = [node for node in scene._ordered() if node.light is not None]
+    faces_viewer, are_squares, gains = object_rows
+    nodes = [node for node in scene._list_nodes() if node.light is not None]
     if flags & RenderFlags.FLAT:
         nodes = []
-    # What is black by intent is lit, too.
+    # A light of no effect, so that a scene without lights stays without a headlight.
     drawn.lights.append(AmbientLight())
     radiance = np.zeros((len(nodes) + 1, 3), np.float32)
     for n, node in enumerate(nodes, start=1):
         casts = node not in views and casts_shadows(node.light, flags)
-        drawn.lights.append(node.light.placed(scene.get_pose(node), _SHADOW if casts else None))
+        drawn.lights.append(node.light.convert(scene.get_pose(node), _SHADOW if casts else None))
         radiance[n] = node.light.radiance
-    taken = np.ones((len(owners), len(nodes) + 1), np.uint8)
-    kinds = [next(kind for kind in _MAX if isinstance(node.light, kind)) for node in nodes]
-    most = _most_lights(flags)
-    if any(kinds.count(kind) > most[kind] for kind in _MAX):
-        rows = {node: _nearest(scene, node, nodes, kinds, most) for node in {*owners}}
-        taken[:, 1:] = [rows[node] for node in owners]
+    light_mask = np.ones((len(owners), len(nodes) + 1), np.uint8)
+    kinds = [next(kind for kind in _MAX_LIGHTS if isinstance(node.light, kind)) for node in nodes]
+    most = _count_max_lights(flags)
+    if any(kinds.count(kind) > most[kind] for kind in _MAX_LIGHTS):
+        rows = {node: _mark_nearest_lights(scene, node, nodes, kinds, most) for node in {*owners}}
+        light_mask[:, 1:] = [rows[node] for node in owners]
+    light_views = ((n, views.get(node)) for n, node in enumerate(nodes, start=1))
     return ReferenceShading(
         "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
-        np.float32(scene.ambient_light), taken, np.array(ways[0], np.uint8),
-        np.array(ways[1], np.uint8), np.array(ways[2], np.float32).reshape(-1, 6),
+        np.float32(scene.ambient_light), light_mask, np.array(faces_viewer, np.uint8),
+        np.array(are_squares, np.uint8), np.array(gains, np.float32).reshape(-1, 6),
         tuple(
-            DepthMap(n, transforms.compose(seen.camera.clip_from_view, seen.camera.view_from_world),
-                     seen.camera.clip_from_view, seen.depths)
-            for n, seen in ((n, views.get(node)) for n, node in enumerate(nodes, start=1))
-            if seen is not None
+            DepthMap(n, transforms.compose(view.camera.clip_from_view, view.camera.view_from_world),
+                     view.camera.clip_from_view, view.depths)
+            for n, view in light_views if view is not None
         ),
     )  # fmt: skip
 
 
 def casts_shadows(light: Light, flags: RenderFlags) -> bool:
-    """Tell whether flags ask for a light's shadows."""
+    """Tell whether flags request shadows of a light's kind."""
     return bool(flags & _SHADOW_FLAGS.get(type(light), RenderFlags.NONE))
 
 
-def camera_of_light(scene: Scene, node: Node) -> MatrixCamera:
+def make_light_camera(scene: Scene, node: Node) -> MatrixCamera:
     """
-    Return the camera that a directional or spot light sees the scene by.
+    Return the camera of the shadow map of a directional or spot light.
 
-    The planes and sizes are those of pyrender 0.1.45: all of the scene and much around it.
+    Its planes and size are those of pyrender 0.1.45: all of the scene and much around it.
     """
     pose, scale, light = scene.get_pose(node).copy(), float(scene.scale), node.light
     near, far = 0.01 * scale, 10.0 * scale
@@ -611,24 +627,24 @@ def camera_of_light(scene: Scene, node: Node) -> MatrixCamera:
     else:
         pose[:3, 3] = scene.centroid + pose[:3, 2] * scale
         clip = OrthographicCamera(scale, scale, near, far).get_projection_matrix()
-    return _camera(_inverse_of("light", pose), np.array(clip, np.float64))
+    return _make_unmirrored_camera(_invert_pose("light", pose), np.array(clip, np.float64))
 
 
 def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> None:
-    """Add lights at their poses to a scene that was converted; they fall on all objects."""
+    """Add lights at their poses to a converted scene; they light all objects."""
     before, count = drawn._reference, len(added)
-    drawn.lights += [light.placed(pose, None) for light, pose in added]
+    drawn.lights += [light.convert(pose, None) for light, pose in added]
     radiance = np.array([light.radiance for light, _ in added], np.float32).reshape(-1, 3)
-    taken = np.ones((len(before.light_mask), count), np.uint8)
+    new_columns = np.ones((len(before.light_mask), count), np.uint8)
     drawn._reference = replace(
         before, radiance=np.concatenate([before.radiance, radiance]),
-        light_mask=np.hstack([before.light_mask, taken]),
+        light_mask=np.hstack([before.light_mask, new_columns]),
     )  # fmt: skip
 
 
-def _most_lights(flags: RenderFlags) -> dict[type, int]:
-    """Return how many lights of a kind fall on an object."""
-    most, shaded = dict(_MAX), [kind for kind in _MAX if flags & _SHADOW_FLAGS[kind]]
+def _count_max_lights(flags: RenderFlags) -> dict[type, int]:
+    """Return the most lights of each kind that light an object."""
+    most, shaded = dict(_MAX_LIGHTS), [kind for kind in _MAX_LIGHTS if flags & _SHADOW_FLAGS[kind]]
     for kind in shaded:
         most[kind] = _SPARE_TEXTURES // len(shaded)
     if DirectionalLight in shaded:
@@ -636,27 +652,29 @@ def _most_lights(flags: RenderFlags) -> dict[type, int]:
     return most
 
 
-def _nearest(
+def _mark_nearest_lights(
     scene: Scene, owner: Node, nodes: list[Node], kinds: list[type], most: dict[type, int]
 ) -> NDArray[np.uint8]:
-    """Return 1 for each light that is among the nearest of its kind to a node, else 0."""
-    place = scene.get_pose(owner)[:3, 3]
-    away = [length(scene.get_pose(node)[:3, 3] - place) for node in nodes]
-    left, taken = dict(most), np.zeros(len(nodes), np.uint8)
+    """Mark the lights that are among the nearest of their kind to a node, (L,)."""
+    position = scene.get_pose(owner)[:3, 3]
+    away = [length(scene.get_pose(node)[:3, 3] - position) for node in nodes]
+    left, is_near = dict(most), np.zeros(len(nodes), np.uint8)
     for n in np.argsort(away, kind="stable"):
-        taken[n] = left[kinds[n]] > 0
+        is_near[n] = left[kinds[n]] > 0
         left[kinds[n]] -= 1
-    return taken
+    return is_near
 
 
-def _squares(primitive: Primitive, place: Float64, seen: Seen, is_lit: bool) -> SceneMesh | None:
-    """Return a square of so many pixels that faces the camera at each point in front of it."""
-    camera, size, point_size = seen
+def _make_squares(
+    primitive: Primitive, pose: Float64, viewpoint: Viewpoint, is_lit: bool
+) -> SceneMesh | None:
+    """Return a square that faces the camera at each visible point; None without any."""
+    camera, size, point_size = viewpoint
     view, clip = camera.view_matrix(), camera.projection_matrix(size)
-    centers = transforms.apply(place, primitive.positions)
+    centers = transforms.apply(pose, primitive.positions)
     x, y, z = transforms.apply(view, centers).T
     w = z * clip[3, 2] + clip[3, 3]
-    # OpenGL leaves out points that lie outside the picture, whatever of their squares does not.
+    # OpenGL leaves out points outside the picture, even if parts of their squares lie inside.
     across, high = (row[0] * x + row[1] * y + row[2] * z + row[3] for row in clip[:2])
     is_seen = (w > 0.0) & (np.abs(across) <= w) & (np.abs(high) <= w)
     if not is_seen.any():
@@ -671,10 +689,10 @@ def _squares(primitive: Primitive, place: Float64, seen: Seen, is_lit: bool) -> 
         normals = camera.eye_position() - centers
     else:
         # Normals of a transform are turned by its inverse transpose.
-        rows = transforms.normal_matrix(place)[:, :, None]
-        x, y, z = finite(primitive.normals).T
+        rows = transforms.normal_matrix(pose)[:, :, None]
+        x, y, z = zero_nonfinite(primitive.normals).T
         normals = (rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z).T
-    colors = primitive.colors(is_lit)
+    colors = primitive.get_colors(is_lit)
     return SceneMesh(
         corners.reshape(-1, 3), faces, normals=np.repeat(normals[is_seen], 4, axis=0),
         colors=None if colors is None else np.repeat(colors[is_seen], 4, axis=0),
