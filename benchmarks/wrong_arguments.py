@@ -277,6 +277,7 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         "LayeredFrame.attribute.name": lambda: "heat",
         "LayeredFrame.save.path": lambda: folder / "a.npz",
         "transforms.unit_vector.value": lambda: (0.0, 0.0, 2.0),
+        "transforms.unit_triple.value": lambda: (0.0, 0.0, 2.0),
         "transforms.are_parallel.a": lambda: (0.0, 0.0, 2.0),
         "transforms.are_parallel.b": lambda: (0.0, 0.0, 2.0),
         "cameras.from_trimesh.camera": trimesh_camera,
