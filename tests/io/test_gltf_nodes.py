@@ -167,7 +167,7 @@ def test_accessors_of_every_type(tmp_path, kind, width, normalized):
     mixed[places] = changed[places]
     for number, whole in enumerate((rows, mixed)):
         wanted = np.maximum(whole / held.max, -1.0) if normalized else whole
-        np.testing.assert_array_equal(found.array(number), wanted)
+        np.testing.assert_array_equal(found.read_array(number), wanted)
 
 
 def lines_run(action):
