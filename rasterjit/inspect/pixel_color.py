@@ -116,24 +116,26 @@ def find_light_terms(
     # Leave out effects on the sum of all light, such as fog.
     clear = light.without_effects(*POST_LIGHT_PLACES)
     unemissive, black = _remove_emission(surface), np.zeros(3, np.float32)
-    # Texture, emission and post-light effects.
+    # Texture and post-light effects.
     texture, uv = None, np.full(2, np.nan, np.float32)
     if surface.textures is not None and material.base_color_texture is not None:
         texture = shade(_make_white_unlit(unemissive), clear)
         uv = _interpolate(drawn, surface.textures.uv, x, y)
-    emission = shade(_make_scaled_unlit(surface, 0.0), clear) if material.emits else black
     post_light = tuple(_find_effect_terms(drawn, surface, light, clear, x, y))
-    # Base colour, ambient light and lights.
+    # Emission, base colour, ambient light and lights.
     base_surface, base_light, ambient = unemissive, clear, black
     terms: tuple[LightTerm, ...] = ()
+    emission_surface, emission_light = _make_scaled_unlit(surface, 0.0), clear
     if light.lighting is not None and material.shading != "unlit":
         dark = clear.with_lighting(lights=light.lighting.lights[:0], ambient=black)
+        # A clearcoat dims emission, too.
+        emission_surface, emission_light = surface, dark.without_effects("around")
         ambient_light = dark.without_effects("around").with_lighting(ambient=light.lighting.ambient)
         ambient, white = shade(unemissive, ambient_light), np.ones(3, np.float32)
         base_light = dark.without_effects("around", "rows").with_lighting(ambient=white)
         if material.shading == "pbr":
             # The base colour lies below the clearcoat.
-            base_surface = _make_scaled_unlit(unemissive, 1.0)._replace(layers=None)
+            base_surface = _make_scaled_unlit(unemissive, 1.0)
         terms = (
             *_find_terms_by_light(drawn, unemissive, clear, x, y),
             *(
@@ -142,6 +144,7 @@ def find_light_terms(
                 if "around" in active.effect.places
             ),
         )
+    emission = shade(emission_surface, emission_light) if material.emits else black
     light_terms = LightTerms(
         material.shading, shade(base_surface, base_light), texture, uv, ambient,
         terms + post_light, emission, *find_scalar(drawn, unemissive, clear, x, y),
@@ -234,7 +237,7 @@ def _make_scaled_unlit(surface: Surface, share: float) -> Surface:
     materials = surface.materials.copy()
     materials[:, :3] *= np.float32(share)
     materials[:, records.MATERIAL_MODEL] = records.UNLIT
-    return surface._replace(materials=materials)
+    return surface._replace(materials=materials, layers=None)
 
 
 def _make_white_unlit(surface: Surface) -> Surface:
