@@ -135,7 +135,7 @@ def test_more_faces_than_numbers_are_refused(view):
     options = FrameRequest(SIZE, rj.Quality.standard(), ("color",), None, "none")
     one = sort_last.draw_part(PAIRS[0], rj.Scene(), None, view, options, 1)
     with pytest.raises(ValueError, match="partitions must have at most 2147483647 faces"):
-        sort_last.merge_images(one, replace(one, faces=2**31 - 60))
+        sort_last.merge_images(one, replace(one, face_count=2**31 - 60))
 
 
 def load_slowly(pair, marker):

@@ -169,7 +169,7 @@ INSIDE = [[-1.0, -1, 0, 1], [1, -1, 0, 1], [0, 1, 0, 1]]
     ("axis", "last"), [(0, GUARD), (0, -GUARD), (1, GUARD), (1, -GUARD), (2, 1.0), (2, -1.0)]
 )
 def test_the_clipper_runs_only_for_a_vertex_beyond_its_planes(axis, last, calls):
-    clip = calls(drawing, "clip")
+    clip = calls(drawing, "clip_faces")
     for scale in (1.0, 3.0):
         positions = np.array(INSIDE)
         positions[2, axis] = last
@@ -185,7 +185,7 @@ def test_the_clipper_runs_only_for_a_vertex_beyond_its_planes(axis, last, calls)
 @pytest.mark.case("G02")
 @pytest.mark.parametrize("w", [0.0, -1.0])
 def test_the_clipper_runs_for_a_vertex_that_is_not_in_front(w, calls):
-    clip = calls(drawing, "clip")
+    clip = calls(drawing, "clip_faces")
     positions = np.array(INSIDE)
     positions[2] = 0, 1, 0, w
     rj.rasterize(positions, [[0, 1, 2]], SIZE, threads=1)
@@ -209,7 +209,7 @@ def test_clipping_something_hidden_changes_no_bit():
 @pytest.mark.case("G02")
 def test_a_face_that_crosses_the_near_plane_by_one_pixel_is_cut(calls):
     size = (8, 1)
-    clip = calls(drawing, "clip")
+    clip = calls(drawing, "clip_faces")
     # z = -1 at the image's left side, or half-way between the first two centres.
     for start, covered in ((0.0, 8), (1.0, 7)):
         points = [(0, -1), (64, -1), (0, 64)]
@@ -623,7 +623,7 @@ def test_an_object_behind_the_camera_is_neither_cut_nor_drawn(sphere, camera, ca
     alone = draw(scene_of(visible, lights=[SUN]), camera, outputs)
     both = scene_of(visible, lights=[SUN])
     both.add(visible, tf.translate(3 * np.array(camera.eye)))
-    set_up = calls(drawing, "draw")
+    set_up = calls(drawing, "draw_tiles")
     cut = calls(clipping, "clip_faces")
     frame = draw(both, camera, outputs)
     assert same(frame, alone)

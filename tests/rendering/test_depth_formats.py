@@ -435,7 +435,7 @@ def test_the_plan_names_a_format_that_is_not_standard(name):
     plan = rj.explain(scene, camera, quality(name), outputs=("color", "depth"))
     assert (f"depth format             {name}" in str(plan)) == (name != "float32-reversed")
     kinds = {"float64": "float64", "unorm16": "int32", "unorm24": "int32"}
-    buffers = {buffer.name: buffer.kind for buffer in list_buffers(plan)}
+    buffers = {buffer.name: buffer.dtype for buffer in list_buffers(plan)}
     assert buffers["stored depth"] == kinds.get(name, "float32")
     assert ("reversed depth" in buffers) == (name != "float32-reversed")
     drawing = next(

@@ -293,8 +293,8 @@ def flat(value, pictures=1, quality=None, faces=0, blends=False):
     light = np.full((64, 64, 4), value, np.float32)
     facts = types.SimpleNamespace(transparency=types.SimpleNamespace(used=blends))
     plan = types.SimpleNamespace(
-        at=lambda place: [], background=(1.0, 1.0, 1.0, 1.0), size=(64, 64), pictures=pictures,
-        facts=facts, quality=quality,
+        effects_at=lambda place: [], background=(1.0, 1.0, 1.0, 1.0), size=(64, 64),
+        pictures=pictures, facts=facts, quality=quality,
     )  # fmt: skip
     stats = types.SimpleNamespace(seconds={"shade": 0.5, "compile": 3.0}, drawn=faces)
     return types.SimpleNamespace(linear=light, plan=plan, stats=stats, choice=None)
