@@ -19,7 +19,7 @@ from types import CodeType, ModuleType
 from typing import Any
 
 from rasterjit import forks
-from rasterjit.runtime.versions import too_new
+from rasterjit.runtime.versions import explain_too_new
 
 COMPILER = "rasterjit.runtime.compiler"
 
@@ -63,7 +63,7 @@ class _Finder:
 def compiler() -> ModuleType:
     """Return the compiler, imported with Numba on first need."""
     with _IMPORTING:
-        if COMPILER not in sys.modules and (complaint := too_new()):
+        if COMPILER not in sys.modules and (complaint := explain_too_new()):
             warnings.warn(complaint, RuntimeWarning, 2)
         if SETTINGS_MODULE in sys.modules:
             return importlib.import_module(COMPILER)

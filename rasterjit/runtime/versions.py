@@ -15,7 +15,7 @@ from typing import NamedTuple
 from rasterjit import interrupts
 
 
-class Range(NamedTuple):
+class SupportedRange(NamedTuple):
     """Versions that are supported."""
 
     name: str
@@ -26,15 +26,15 @@ class Range(NamedTuple):
 
 
 SUPPORTED = {
-    "numpy": Range("NumPy", "1.26"),
-    "numba": Range("Numba", "0.62", "0.69"),
-    "llvmlite": Range("llvmlite", "0.45", "0.51"),
-    "trimesh": Range("trimesh", "5.0"),
-    "pillow": Range("Pillow", "10.3"),
+    "numpy": SupportedRange("NumPy", "1.26"),
+    "numba": SupportedRange("Numba", "0.62", "0.69"),
+    "llvmlite": SupportedRange("llvmlite", "0.45", "0.51"),
+    "trimesh": SupportedRange("trimesh", "5.0"),
+    "pillow": SupportedRange("Pillow", "10.3"),
 }
-"""By the name of the distribution. What compiles may change with any release, so it has a limit."""
+"""By the name of the distribution; a limit where any release may change: Numba and llvmlite."""
 
-INSTALLED = re.compile(
+METADATA_FOLDER = re.compile(
     rf"({'|'.join(SUPPORTED)})-(\d[^-]*?)(?:-py[\d.]+)?\.(?:dist|egg)-info", re.I
 )
 """What installers call the folder that tells a distribution's version."""
@@ -48,7 +48,7 @@ def installed(folders: Sequence[str]) -> dict[str, str]:
             names = os.listdir(folder or os.curdir)
         except OSError:
             continue
-        here = [match for name in names if (match := INSTALLED.fullmatch(name))]
+        here = [match for name in names if (match := METADATA_FOLDER.fullmatch(name))]
         # Where an update left the old one's folder, the newer counts.
         for match in sorted(here, key=lambda match: numbers_of(match[2]), reverse=True):
             found.setdefault(match[1].lower(), match[2])
@@ -56,7 +56,7 @@ def installed(folders: Sequence[str]) -> dict[str, str]:
 
 
 def numbers_of(version: str) -> tuple[int, ...]:
-    """Return the numbers of a release, such as (1, 26) of 1.26.0rc1: zeros at the end are none."""
+    """Return the numbers of a release, such as (1, 26) of 1.26.0rc1, without trailing zeros."""
     release = re.match(r"\d+(?:\.\d+)*", version)
     numbers = [int(part) for part in release[0].split(".")] if release else []
     while numbers and numbers[-1] == 0:
@@ -64,7 +64,7 @@ def numbers_of(version: str) -> tuple[int, ...]:
     return tuple(numbers)
 
 
-def too_old(found: Mapping[str, str] | None = None) -> str | None:
+def explain_too_old(found: Mapping[str, str] | None = None) -> str | None:
     """Return a line that says which package is too old for RasterJIT; None if none is."""
     for distribution, version in (installed(sys.path) if found is None else found).items():
         name, lowest, _ = SUPPORTED[distribution]
@@ -76,7 +76,7 @@ def too_old(found: Mapping[str, str] | None = None) -> str | None:
     return None
 
 
-def too_new(found: Mapping[str, str] | None = None) -> str | None:
+def explain_too_new(found: Mapping[str, str] | None = None) -> str | None:
     """Return a line that says which package is newer than what RasterJIT knows; None if none."""
     for distribution, version in (installed(sys.path) if found is None else found).items():
         name, lowest, limit = SUPPORTED[distribution]
@@ -88,4 +88,4 @@ def too_new(found: Mapping[str, str] | None = None) -> str | None:
     return None
 
 
-interrupts.refuse(too_old())
+interrupts.refuse(explain_too_old())

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.geometry import depth_range
-from rasterjit.pipeline.geometry.depth_range import DEPTH_ROW, RELATIVE_ERROR
+from rasterjit.pipeline.geometry.depth_range import DEPTH_ROW, RELATIVE_ERROR, SIDES
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MAX_PLANE_STEPS, Camera, NearFar, OrthographicCamera, near_far
@@ -440,8 +440,8 @@ def _compute_min_cosine(rows: Float64) -> float:
     if (np.abs(rows[:, 3]) > RELATIVE_ERROR * _gradient_lengths(rows)).any():
         return 0.0
     normals, depth, cosines = rows[:DEPTH_ROW, :3].tolist(), rows[DEPTH_ROW, :3].tolist(), []
-    for k in range(DEPTH_ROW):
-        edge = cross(normals[k], normals[(k + 1) % DEPTH_ROW])
+    for k in range(SIDES):
+        edge = cross(normals[k], normals[(k + 1) % SIDES])
         cosines.append(abs(dot(edge, depth)) / (length(edge) or 1.0))
     return min(1.0, *cosines)
 

@@ -40,8 +40,8 @@ def test_what_is_installed_is_found_without_importing_it():
 )  # fmt: skip
 def test_bounds(version, old, new):
     found = {"numba": version, "numpy": "99.0"}
-    assert bool(versions.too_old(found)) == old
-    assert bool(versions.too_new(found)) == new
+    assert bool(versions.explain_too_old(found)) == old
+    assert bool(versions.explain_too_new(found)) == new
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_an_old_package_is_told_in_one_line(tmp_path):
 
 def test_a_compiler_that_is_too_new_is_warned_of(monkeypatch):
     monkeypatch.delitem(sys.modules, isolated_numba.COMPILER, raising=False)
-    monkeypatch.setattr(isolated_numba, "too_new", lambda: "RasterJIT knows Numba up to")
+    monkeypatch.setattr(isolated_numba, "explain_too_new", lambda: "RasterJIT knows Numba up to")
     monkeypatch.setattr(isolated_numba.importlib, "import_module", lambda name: name)
     with pytest.warns(RuntimeWarning, match="RasterJIT knows Numba up to"):
         assert isolated_numba.compiler() == isolated_numba.COMPILER

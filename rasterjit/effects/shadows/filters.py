@@ -50,7 +50,7 @@ sample than its own face mostly is."""
 
 @helper
 def find_map_top(v, size, sides):
-    """Return the first row of the map that a sample lies in; ``sides`` is None for a single map."""
+    """Return the first row of a sample's map; ``sides``: number of stacked maps, None for one."""
     if sides is None:
         return np.float32(0.0)
     length = np.float32(size)

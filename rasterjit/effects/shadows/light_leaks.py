@@ -32,24 +32,24 @@ MAX_CONTACT_TEXELS = np.float32(4.0)
 away at 45 degrees. Farther from the line, no filter finds any light."""
 
 MAX_STEPS = np.float32(7.0)
-"""Largest number of texels from the first of a plane to the second behind its contact line."""
+"""Most texels to walk from a plane's first texel past its contact line."""
 
 MIN_DROP_GAINS = np.float32(6.0)
-"""Least depth below a sample's plane of texels that do not continue an occluding plane, in that
-plane's gain per texel."""
+"""How far below a sample's plane texels lie that do not continue an occluding plane, in units of
+that plane's rise per texel."""
 
 
 @helper
 def compute_tolerance(depth, dz_du, dz_dv):
-    """Return the largest distance of a plane's stored depths from the plane."""
+    """Return the error bound of stored depths on a plane."""
     return SNAP_ERROR_TEXELS * (abs(dz_du) + abs(dz_dv)) + DEPTH_ROUNDING * abs(depth)
 
 
 @helper
-def interpolate_height(texels, index, cross, weight, plane):
-    """Return the height over a plane between a texel and the next one across, by its weight."""
+def interpolate_height(texels, index, cross, weight, plane_depth):
+    """Return the height over a plane, interpolated across; positive: nearer to the light."""
     near, far = texels[np.uintp(index)], texels[np.uintp(index + cross)]
-    return near * (np.float32(1.0) - weight) + far * weight - plane
+    return near * (np.float32(1.0) - weight) + far * weight - plane_depth
 
 
 @helper
@@ -59,7 +59,7 @@ def are_both_nearer(texels, index, cross, low, high):
 
 
 @helper
-def fit_plane(first, second, third, last, beyond, distance, is_above_both, tolerance):
+def fit_plane(first, second, third, next_below, second_below, distance, is_above_both, tolerance):
     """
     Fit a plane to texels on one side of a sample; return its gain, and if it may cover the sample.
 
@@ -67,12 +67,12 @@ def fit_plane(first, second, third, last, beyond, distance, is_above_both, toler
     ----------
     first, second, third : float32
         Heights over the sample's plane, in stored depth, of three texels on that side.
-    last, beyond : float32
-        Heights of the two next texels on the other side.
+    next_below, second_below : float32
+        Heights of the two nearest texels on the other side.
     distance : float32
         From the sample to the first of the three, texels.
     is_above_both : bool
-        Whether the first is nearer than the sample's plane on both sides of the sample.
+        Whether the first is nearer than the sample's plane in both rows across.
     tolerance : float32
         Largest distance of planes that count as the same.
 
@@ -92,13 +92,13 @@ def fit_plane(first, second, third, last, beyond, distance, is_above_both, toler
     is_close = is_close & (height <= MAX_CONTACT_TEXELS * gain)
     # The plane has no gap if no lower texel is seen.
     lower, lowest = first - gain, first - gain - gain
-    is_unbroken = (lower <= zero) | (last >= lower - slack)
-    is_unbroken = is_unbroken & ((lowest <= zero) | (beyond >= lowest - slack))
+    is_unbroken = (lower <= zero) | (next_below >= lower - slack)
+    is_unbroken = is_unbroken & ((lowest <= zero) | (second_below >= lowest - slack))
     return (gain if is_plane else zero), is_close & is_unbroken & is_above_both
 
 
 @helper
-def fit_steeper_plane(texels, index, stride, cross, x, y, plane, step, rise, tolerance):
+def fit_steeper_plane(texels, index, stride, cross, x, y, depth, slope, cross_slope, tolerance):
     """
     Fit planes on both sides of a sample, along a row or a column, and return the steeper one.
 
@@ -111,7 +111,7 @@ def fit_steeper_plane(texels, index, stride, cross, x, y, plane, step, rise, tol
         To the next texel along, and to the next one across.
     x, y : float32
         Where the sample is, from that texel, along and across.
-    plane, step, rise : float32
+    depth, slope, cross_slope : float32
         Stored depth of the sample's plane beside that texel, its gain by a texel along and across.
     tolerance : float32
 
@@ -125,19 +125,19 @@ def fit_steeper_plane(texels, index, stride, cross, x, y, plane, step, rise, tol
     covers : bool
     """
     two, one = np.int32(2), np.float32(1.0)
-    double = step + step
-    a = interpolate_height(texels, index - two * stride, cross, y, plane - double)
-    b = interpolate_height(texels, index - stride, cross, y, plane - step)
-    c = interpolate_height(texels, index, cross, y, plane)
-    d = interpolate_height(texels, index + stride, cross, y, plane + step)
-    e = interpolate_height(texels, index + two * stride, cross, y, plane + double)
-    f = interpolate_height(texels, index + two * stride + stride, cross, y, plane + (double + step))
+    two_steps, three_steps = slope + slope, slope + slope + slope
+    a = interpolate_height(texels, index - two * stride, cross, y, depth - two_steps)
+    b = interpolate_height(texels, index - stride, cross, y, depth - slope)
+    c = interpolate_height(texels, index, cross, y, depth)
+    d = interpolate_height(texels, index + stride, cross, y, depth + slope)
+    e = interpolate_height(texels, index + two * stride, cross, y, depth + two_steps)
+    f = interpolate_height(texels, index + two * stride + stride, cross, y, depth + three_steps)
     # A plane that covers the sample continues on both sides.
-    low, high = plane - rise * y + tolerance, plane + rise * (one - y) + tolerance
-    has_c = are_both_nearer(texels, index, cross, low, high)
-    has_d = are_both_nearer(texels, index + stride, cross, low + step, high + step)
-    ahead, covers_ahead = fit_plane(d, e, f, c, b, one - x, has_d, tolerance)
-    back, covers_back = fit_plane(c, b, a, d, e, x, has_c, tolerance)
+    low, high = depth - cross_slope * y + tolerance, depth + cross_slope * (one - y) + tolerance
+    is_c_above = are_both_nearer(texels, index, cross, low, high)
+    is_d_above = are_both_nearer(texels, index + stride, cross, low + slope, high + slope)
+    ahead, covers_ahead = fit_plane(d, e, f, c, b, one - x, is_d_above, tolerance)
+    back, covers_back = fit_plane(c, b, a, d, e, x, is_c_above, tolerance)
     is_ahead = ahead >= back
     return (
         (ahead if is_ahead else back), (d if is_ahead else c), is_ahead,
@@ -147,17 +147,17 @@ def fit_steeper_plane(texels, index, stride, cross, x, y, plane, step, rise, tol
 
 @helper
 def ends_at_contact(
-    texels, index, stride, cross, y, plane, step, first, gain, is_ahead, before, after, tolerance
+    texels, index, stride, cross, y, depth, slope, first, gain, is_ahead, before, after, tolerance
 ):  # fmt: skip
     """
     Return whether the map shows that an occluding plane ends at the sample's plane.
 
-    A texel beyond the contact line must show the sample's plane, or be far below; a rough surface
+    A texel past the contact line must show the sample's plane, or be far below; a rough surface
     would continue just below.
 
     Parameters
     ----------
-    texels, index, stride, cross, y, plane, step, tolerance
+    texels, index, stride, cross, y, depth, slope, tolerance
         As `fit_steeper_plane` takes them.
     first, gain, is_ahead
         As `fit_steeper_plane` returns them.
@@ -171,11 +171,11 @@ def ends_at_contact(
     k = (one - count) if is_ahead else count
     is_on_map = (k >= -before) & (k <= after)
     k = k if is_on_map else zero
-    beyond = interpolate_height(texels, index + np.int32(k) * stride, cross, y, plane + step * k)
+    height = interpolate_height(texels, index + np.int32(k) * stride, cross, y, depth + slope * k)
     slack = MAX_BEND * gain + tolerance
     # Empty texels give -inf or NaN here.
-    is_far_below = not (beyond >= -(MIN_DROP_GAINS * gain + slack))
-    return is_on_map & ((abs(beyond) <= slack) | is_far_below)
+    is_far_below = not (height >= -(MIN_DROP_GAINS * gain + slack))
+    return is_on_map & ((abs(height) <= slack) | is_far_below)
 
 
 @disjoint_helper
@@ -192,21 +192,22 @@ def darken_covered(u, v, depth, dz_du, dz_dv, texels, size, sides, candidates, l
         left = clamped(np.floor(u[i] - half), two, length - four)
         upper = clamped(np.floor(v[i] - half), top + two, top + length - four)
         x, y = u[i] - half - left, v[i] - half - upper
-        index, row = np.int32(upper) * np.int32(size) + np.int32(left), np.int32(size)
+        index, stride = np.int32(upper) * np.int32(size) + np.int32(left), np.int32(size)
         tolerance = compute_tolerance(depth[i], dz_du[i], dz_dv[i])
-        beside, below = depth[i] - dz_du[i] * x, depth[i] - dz_dv[i] * y
+        column_depth, row_depth = depth[i] - dz_du[i] * x, depth[i] - dz_dv[i] * y
         gain, first, is_ahead, covers = fit_steeper_plane(
-            texels, index, np.int32(1), row, x, y, beside, dz_du[i], dz_dv[i], tolerance
+            texels, index, np.int32(1), stride, x, y, column_depth, dz_du[i], dz_dv[i], tolerance
         )
         other, other_first, other_ahead, other_covers = fit_steeper_plane(
-            texels, index, row, np.int32(1), y, x, below, dz_dv[i], dz_du[i], tolerance
+            texels, index, stride, np.int32(1), y, x, row_depth, dz_dv[i], dz_du[i], tolerance
         )
         is_row = gain >= other
         ends = ends_at_contact(
-            texels, index, (np.int32(1) if is_row else row), (row if is_row else np.int32(1)),
-            (y if is_row else x), (beside if is_row else below), (dz_du[i] if is_row else dz_dv[i]),
-            (first if is_row else other_first), (gain if is_row else other),
-            (is_ahead if is_row else other_ahead), (left if is_row else upper - top),
+            texels, index, (np.int32(1) if is_row else stride), (stride if is_row else np.int32(1)),
+            (y if is_row else x), (column_depth if is_row else row_depth),
+            (dz_du[i] if is_row else dz_dv[i]), (first if is_row else other_first),
+            (gain if is_row else other), (is_ahead if is_row else other_ahead),
+            (left if is_row else upper - top),
             (length - one - left if is_row else top + length - one - upper), tolerance,
         )  # fmt: skip
         is_dark = (covers if is_row else other_covers) & ends & (candidates[i] > zero)
@@ -222,9 +223,9 @@ def mark_candidates(u, v, depth, dz_du, dz_dv, texels, size, sides, lit, candida
         top = find_map_top(v[i], size, sides)
         texel_u, texel_v = np.floor(u[i]), np.floor(v[i])
         column, row = clamped(texel_u, zero, last), clamped(texel_v, top, top + last)
-        plane = depth[i] + dz_du[i] * (column + half - u[i]) + dz_dv[i] * (row + half - v[i])
-        plane += compute_tolerance(depth[i], dz_du[i], dz_dv[i])
-        is_candidate = (lit[i] > zero) & (is_nearer(texels, column, row, size, plane) > zero)
+        plane_depth = depth[i] + dz_du[i] * (column + half - u[i]) + dz_dv[i] * (row + half - v[i])
+        plane_depth += compute_tolerance(depth[i], dz_du[i], dz_dv[i])
+        is_candidate = (lit[i] > zero) & (is_nearer(texels, column, row, size, plane_depth) > zero)
         is_candidate = is_candidate & (texel_u == column) & (texel_v == row)
         candidates[i] = np.float32(1.0) if is_candidate else zero
         is_any = np.int32(is_any | np.int32(is_candidate))

@@ -1,7 +1,7 @@
 """
 Build the sorted layers of transparent fragments (an A-buffer [1]_) in front of the opaque surface.
 
-Triangles are rasterized as by ``visibility``, with the same coverage and bits of depth, so that
+Triangles are rasterized as by ``tile_rasterizer``, with the same coverage and bits of depth, so
 transparent and opaque surfaces tie as opaque ones do: the lower face is nearer. Each transparent
 triangle is rasterized into a scratch tile; its rows are then inserted into the layers: the first
 holds the nearest surface of every sample, the next the second nearest, and so on. A row of samples
@@ -11,7 +11,7 @@ without branches, per sample, so intersecting triangles are right.
 A tile gets a layer once a sample needs it. Fragments beyond the last available layer are counted
 and dropped; the caller sees the count and tries again with more.
 
-`drop_discarded` removes fragments that fail the alpha test.
+`drop_discarded_in_place` removes fragments that fail the alpha test.
 
 References
 ----------
@@ -87,7 +87,7 @@ def split_lists(
 
 
 @disjoint_helper
-def extract_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, faces):
+def extract_row(drawn, empty_depth, face, opaque_depth, opaque_face, counts, depths, faces):
     """
     Move a triangle's visible samples out of a row of the scratch tile; clear the row.
 
@@ -96,9 +96,9 @@ def extract_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, f
     any_left = np.int32(0)
     for i in range(drawn.shape[0]):
         depth = drawn[i]
-        is_seen = (depth > hiding_depth[i]) | ((depth == hiding_depth[i]) & (face < hiding_face[i]))
-        drawn[i] = empty
-        depths[i] = depth if is_seen else empty
+        is_seen = (depth > opaque_depth[i]) | ((depth == opaque_depth[i]) & (face < opaque_face[i]))
+        drawn[i] = empty_depth
+        depths[i] = depth if is_seen else empty_depth
         faces[i] = face
         counts[i] += np.int32(is_seen)
         # Not ``|=``: that would be 64 bits wide, and halve the vectors.
@@ -107,14 +107,14 @@ def extract_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, f
 
 
 @helper
-def clear_beside(drawn, empty, row, first):
-    """Clear the columns right of a box, which whole groups of columns overlap."""
+def clear_beside(drawn, empty_depth, row, first):
+    """Clear the columns right of a box that drawing in groups of columns also wrote."""
     for k in range(MAX_SMALL_PIXELS):
-        drawn[row, np.uintp(first + k)] = empty
+        drawn[row, np.uintp(first + k)] = empty_depth
 
 
 @disjoint_helper
-def insert_row(layer_depths, layer_faces, depths, empty, faces):
+def insert_row(layer_depths, layer_faces, depths, empty_depth, faces):
     """Keep the nearer fragments in the layer, and the others in the row; return if any is left."""
     any_left = np.int32(0)
     for i in range(depths.shape[0]):
@@ -127,12 +127,12 @@ def insert_row(layer_depths, layer_faces, depths, empty, faces):
         left = layer_depth if is_nearer else depth
         depths[i] = left
         faces[i] = layer_face if is_nearer else face
-        any_left = np.int32(any_left | np.int32(left > empty))
+        any_left = np.int32(any_left | np.int32(left > empty_depth))
     return any_left
 
 
 @helper
-def clear_layer(layers, empty, sample, level, left, right):
+def clear_layer(layers, empty_depth, sample, level, left, right):
     """Empty some columns of a layer."""
     depths, faces = layers
     for row in range(depths.shape[2]):
@@ -140,14 +140,14 @@ def clear_layer(layers, empty, sample, level, left, right):
         depth_row = depths[sample, level, row, left:right]
         face_row = faces[sample, level, row, left:right]
         for i in range(depth_row.shape[0]):
-            depth_row[i] = empty
+            depth_row[i] = empty_depth
         for i in range(face_row.shape[0]):
             face_row[i] = tile_rasterizer.NOTHING
 
 
 @helper
 def insert_triangle(
-    n, ints, window, drawn, empty, hiding, counts, layers, sample, used, row_memory
+    n, ints, window, drawn, empty_depth, opaque, counts, layers, sample, used, row_memory
 ):  # fmt: skip
     """Insert the fragments of one triangle into a tile's layers; return the number in use."""
     # A wide triangle's box begins where its block of columns does, which may be left of the tile.
@@ -159,21 +159,22 @@ def insert_triangle(
     if count <= 0:
         return used
     depths, faces = row_memory[0][:count], row_memory[1][:count]
-    first, end = window[0] + left, window[0] + right + 1
+    first_column, end_column = window[0] + left, window[0] + right + 1
     for row in range(top, bottom + 1):
         any_left = extract_row(
-            drawn[row, left : right + 1], empty, face, hiding[0][row, left : right + 1],
-            hiding[1][row, left : right + 1], counts[row, left : right + 1], depths, faces,
+            drawn[row, left : right + 1], empty_depth, face, opaque[0][row, left : right + 1],
+            opaque[1][row, left : right + 1], counts[row, left : right + 1], depths, faces,
         )  # fmt: skip
-        clear_beside(drawn, empty, row, right + 1)
+        clear_beside(drawn, empty_depth, row, right + 1)
         level = np.int64(0)
         while any_left != 0 and level < layer_depths.shape[1]:
             if level == used:
-                clear_layer(layers, empty, sample, level, window[0], window[2] + 1)
+                clear_layer(layers, empty_depth, sample, level, window[0], window[2] + 1)
                 used += 1
             any_left = insert_row(
-                layer_depths[sample, level, row, first:end],
-                layer_faces[sample, level, row, first:end], depths, empty, faces,
+                layer_depths[sample, level, row, first_column:end_column],
+                layer_faces[sample, level, row, first_column:end_column], depths, empty_depth,
+                faces,
             )  # fmt: skip
             level += 1
     return used
@@ -186,14 +187,15 @@ def insert_listed(first, end, window, layers, sample, scratch, layer_scratch, dr
 
     Returns the number of layers in use.
     """
-    ints, empty, used = scratch[2], scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0], np.int64(0)
+    opaque, ints, used = scratch[:2], scratch[2], np.int64(0)
+    empty_depth = scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0]
     for begin in range(first, end, TRIANGLES_PER_BATCH):
         count = min(TRIANGLES_PER_BATCH, end - begin)
         tile_rasterizer.set_up_listed(drawing, begin, count)
         for n in range(np.uintp(count)):
-            tile_rasterizer.draw_range(drawing, layer_scratch.draw, n, n + np.uintp(1))
+            tile_rasterizer.draw_range(drawing, layer_scratch.draw_words, n, n + np.uintp(1))
             used = insert_triangle(
-                n, ints, window, layer_scratch.depths, empty, scratch[:2], layer_scratch.counts,
+                n, ints, window, layer_scratch.depths, empty_depth, opaque, layer_scratch.counts,
                 layers, sample, used, (layer_scratch.row_depths, layer_scratch.row_faces),
             )  # fmt: skip
     return used
@@ -201,7 +203,7 @@ def insert_listed(first, end, window, layers, sample, scratch, layer_scratch, dr
 
 @helper
 def find_deepest(counts, window, deepest):
-    """Return ``deepest``, or a tile's largest count with its pixel, if that is larger."""
+    """Return ``deepest`` (count, column, row), or a tile's, if its count is larger."""
     for row in range(window[3] + 1 - window[1]):
         for column in range(window[2] + 1 - window[0]):
             if counts[row, column] > deepest[0]:
@@ -221,13 +223,13 @@ class LayerScratch(NamedTuple):
 
     depths: stored[:, ::1]
     """The scratch tile, cleared."""
-    numbers: int32[:, ::1]
+    face_numbers: int32[:, ::1]
     counts: int32[:, ::1]
     """(64, 64): the transparent surfaces of each sample."""
     row_depths: stored[::1]
     """(64,): the row that is inserted into the layers."""
     row_faces: int32[::1]
-    draw: int64[::1]
+    draw_words: int64[::1]
     """How to call ``tile_rasterizer.draw_batch`` for that tile."""
 
 
@@ -248,7 +250,7 @@ def make_layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, LayerScratch]:
         *tile, np.empty((TILE_SIZE, TILE_SIZE), np.int32), np.empty(TILE_SIZE, depth_type),
         np.empty(TILE_SIZE, np.int32), bound.words,
     )  # fmt: skip
-    return drawer._replace(called=(*drawer.called, bound)), layer_scratch
+    return drawer._replace(keep_alive=(*drawer.keep_alive, bound)), layer_scratch
 
 
 @helper
@@ -284,9 +286,9 @@ def find_layers(
     row_range: (int64, int64), starts: int64[::1], middles: int64[::1],
     points: (stored[:, ::1], int32[:, ::1]), viewport: Viewport, shifts: int32[:, ::1],
     opaque: int32[:, :, ::1], first_depth: stored[:, ::1],
-    layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
-    scratch: tile_rasterizer.SCRATCH, drawing: TileDrawing, alpha_queue: AlphaQueue,
-    layer_scratch: LayerScratch,
+    layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), layers_per_tile: int64[:, ::1],
+    deepest_pixel: int64[::1], scratch: tile_rasterizer.SCRATCH, drawing: TileDrawing,
+    alpha_queue: AlphaQueue, layer_scratch: LayerScratch,
 ):  # fmt: skip
     """
     Find the opaque surface and the transparent ones in front of it, for some rows of the frame.
@@ -309,57 +311,58 @@ def find_layers(
     layers : (depths (N, K, R, W), faces (N, K, R, W) int32)
         Written: stored depth and face number of the transparent surfaces in front of it, nearest
         first, in as many layers as any sample has; -1 where a sample has fewer.
-    used : (N, tiles in a row) int64
+    layers_per_tile : (N, tiles in a row) int64
         Scratch memory.
-    deepest : (3,) int64
+    deepest_pixel : (3,) int64
         Written: the most transparent surfaces of a sample, and its pixel's column and row. Beyond
         K, some are missing.
     scratch, drawing, alpha_queue, layer_scratch
         From this thread's `make_layer_drawer`.
     """
-    columns = used.shape[1]
-    most = np.int64(0), np.int64(0), np.int64(0)
-    counts, empty = layer_scratch.counts, scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0]
+    columns = layers_per_tile.shape[1]
+    deepest = np.int64(0), np.int64(0), np.int64(0)
+    counts, empty_depth = layer_scratch.counts, scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0]
     for sample in range(shifts.shape[0]):
         shift = shifts[sample, 0], shifts[sample, 1]
         for column in range(columns):
             tile = (row_range[0] >> TILE_BITS) * columns + column
             left, _, right, _ = tile_rasterizer.get_tile_window(tile, columns, viewport)
             window = left, np.int64(row_range[0]), right, np.int64(row_range[1]) - 1
-            tile_rasterizer.clear_tile(scratch[0], scratch[1], empty)
-            tile_rasterizer.begin_tile(drawing, window, viewport.grid_bits, shift, empty)
+            tile_rasterizer.clear_tile(scratch[0], scratch[1], empty_depth)
+            tile_rasterizer.begin_tile(drawing, window, viewport.grid_bits, shift, empty_depth)
             start, middle, stop = starts[tile], middles[tile], starts[tile + 1]
             tile_rasterizer.draw_list(start, middle, scratch, drawing, alpha_queue)
             draw_points(points, window, scratch)
-            used[sample, column] = 0
+            layers_per_tile[sample, column] = 0
             if middle < stop:
                 for row in range(TILE_SIZE):
                     for i in range(TILE_SIZE):
                         counts[row, i] = 0
-                used[sample, column] = insert_listed(
+                layers_per_tile[sample, column] = insert_listed(
                     middle, stop, window, layers, sample, scratch, layer_scratch, drawing
                 )
-                most = find_deepest(counts, window, most)
+                deepest = find_deepest(counts, window, deepest)
             for row in range(row_range[1] - row_range[0]):
                 copy_row(scratch[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
             if sample == 0 and first_depth.shape[0] != 0:
-                write_first_depth(scratch[0], layers, used[sample, column], window, first_depth)
+                levels = layers_per_tile[sample, column]
+                write_first_depth(scratch[0], layers, levels, window, first_depth)
     # Empty the layers that only other tiles use.
-    needed = min(most[0], np.int64(layers[1].shape[1]))
+    needed = min(deepest[0], np.int64(layers[1].shape[1]))
     for sample in range(shifts.shape[0]):
         for column in range(columns):
             left, right = column << TILE_BITS, min((column + 1) << TILE_BITS, layers[1].shape[3])
-            for level in range(used[sample, column], needed):
-                clear_layer(layers, empty, sample, level, left, right)
-    deepest[0], deepest[1], deepest[2] = most
+            for level in range(layers_per_tile[sample, column], needed):
+                clear_layer(layers, empty_depth, sample, level, left, right)
+    deepest_pixel[0], deepest_pixel[1], deepest_pixel[2] = deepest
 
 
 @kernel
-def drop_discarded(
+def drop_discarded_in_place(
     first_row: int64, faces: int32[:, :, ::1], layer_indices: int64[:, :, ::1], query: AlphaQuery,
 ):  # fmt: skip
     """
-    Remove from each pixel the layers that fail the alpha test, keeping their order.
+    Remove in place from each pixel the layers that fail the alpha test, keeping their order.
 
     Parameters
     ----------
@@ -391,8 +394,8 @@ def drop_discarded(
 def remove_discarded(
     first_row: int, faces: NDArray[np.int32], depths: NDArray[Any], alpha_tests: AlphaTests
 ) -> tuple[NDArray[np.int32], NDArray[Any]]:
-    """Return the layers of some rows, (K, R, W), without fragments that fail the alpha test."""
+    """Return the layers of some rows, (K, R, W), that pass the alpha test; ``faces`` changes."""
     layer_indices = np.empty(faces.shape, np.int64)
     test = AlphaComputation(alpha_tests)
-    drop_discarded(first_row, faces, layer_indices, test.query)
+    drop_discarded_in_place(first_row, faces, layer_indices, test.query)
     return faces, np.take_along_axis(depths, layer_indices, axis=0)

@@ -154,7 +154,7 @@ def list_peeling_kernels(depth_type: Any, has_alpha_tests: bool) -> Rows:
     """List the kernels of depth peeling."""
     rows = list_kernels(1, depth_type)
     if has_alpha_tests:
-        rows += rows_where("", a_buffer.drop_discarded, alpha_test.find_alphas)
+        rows += rows_where("", a_buffer.drop_discarded_in_place, alpha_test.find_alphas)
     return rows
 
 

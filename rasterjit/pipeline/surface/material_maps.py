@@ -30,6 +30,9 @@ from rasterjit.runtime.state_block import float32, int64
 NORMAL_SCALE, OCCLUSION_STRENGTH, EMISSIVE = 0, 1, 2
 """Columns of ``Maps.factors``; the last begins three."""
 
+TANGENT_A, TANGENT_B, TANGENT_C = 0, 3, 6
+"""First of three rows of ``Block.floats`` for the tangents of each vertex of a patch."""
+
 MIN_TANGENT_SHARE = 1e-10
 """Least share of a tangent's squared length left by orthogonalization; with less, there is none."""
 
@@ -45,8 +48,8 @@ def is_mirrored(a, b, c, uv):
 
 @disjoint_helper
 def perturb_normals(
-    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, bitangent_signs, second, third, backface, red,
-    green, blue, scale, matrix,
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, bitangent_signs, weight_b, weight_c, backface,
+    red, green, blue, double_scale, matrix,
 ):  # fmt: skip
     """
     Write normals perturbed by a normal map, world axes, any length, and 1 where valid, else 0.
@@ -57,15 +60,15 @@ def perturb_normals(
     """
     m = matrix
     for n in range(nx.shape[0]):
-        map_x = scale * (np.float64(red[n]) - 0.5)
-        map_y = scale * (np.float64(green[n]) - 0.5)
+        map_x = double_scale * (np.float64(red[n]) - 0.5)
+        map_y = double_scale * (np.float64(green[n]) - 0.5)
         map_z = 2.0 * np.float64(blue[n]) - 1.0
         is_flat = (map_x == 0.0) & (map_y == 0.0)
         # A back face gets the perturbed normal of its front, flipped.
         map_x = (1.0 - 2.0 * np.float64(backface[n])) * map_x
         map_y = bitangent_signs[n] * map_y
-        # Interpolate the tangent.
-        weights = (0.0, second[n], third[n])
+        # Interpolate the tangent; ``blend`` ignores the first weight.
+        weights = (0.0, weight_b[n], weight_c[n])
         x = blend(weights, np.float64(xa[n]), np.float64(xb[n]), np.float64(xc[n]))
         y = blend(weights, np.float64(ya[n]), np.float64(yb[n]), np.float64(yc[n]))
         z = blend(weights, np.float64(za[n]), np.float64(zb[n]), np.float64(zc[n]))
@@ -83,11 +86,11 @@ def perturb_normals(
         is_valid = (length > 0.0) & (MIN_TANGENT_SHARE * squared < remaining) & (remaining < np.inf)
         length = np.sqrt(remaining)
         tx, ty, tz = tx / length, ty / length, tz / length
-        bx = map_x * tx + map_y * (uy * tz - uz * ty) + map_z * ux
-        by = map_x * ty + map_y * (uz * tx - ux * tz) + map_z * uy
-        bz = map_x * tz + map_y * (ux * ty - uy * tx) + map_z * uz
-        is_valid &= (bx * bx + by * by + bz * bz > 0.0) & (not is_flat)
-        xa[n], ya[n], za[n] = np.float32(bx), np.float32(by), np.float32(bz)
+        px = map_x * tx + map_y * (uy * tz - uz * ty) + map_z * ux
+        py = map_x * ty + map_y * (uz * tx - ux * tz) + map_z * uy
+        pz = map_x * tz + map_y * (ux * ty - uy * tx) + map_z * uz
+        is_valid &= (px * px + py * py + pz * pz > 0.0) & (not is_flat)
+        xa[n], ya[n], za[n] = np.float32(px), np.float32(py), np.float32(pz)
         xb[n] = np.float32(1.0 if is_valid else 0.0)
 
 
@@ -108,54 +111,56 @@ def add_colors(emitted_red, emitted_green, emitted_blue, red, green, blue):
 
 
 @helper
-def gather_tangents(segment, block, uv, tangents, mirrored):
+def gather_tangents(segment, block, uv, tangents, mirror_sign):
     """Gather the tangents of a segment's vertices, and the sign of the bitangent."""
     ints, floats, bitangent_signs = block.ints, block.floats, block.doubles[0]
-    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
-        a, b, c = get_patch_vertices(ints, r)
+    for patch in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+        a, b, c = get_patch_vertices(ints, patch)
         mirror_index = np.int64(1 if is_mirrored(a, b, c, uv) else 0)
-        sign = np.float64(tangents[a, mirror_index, 3]) * mirrored
-        first = np.int64(ints[rows.FIRST_SAMPLE, r])
-        end = np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)])
+        sign = np.float64(tangents[a, mirror_index, 3]) * mirror_sign
+        first = np.int64(ints[rows.FIRST_SAMPLE, patch])
+        end = np.int64(ints[rows.FIRST_SAMPLE, patch + np.uintp(1)])
         for n in range(first, end, LANES):
             start = np.uintp(n)
             spread(bitangent_signs, start, sign)
             for k in range(3):
-                spread(floats[k], start, tangents[a, mirror_index, k])
-                spread(floats[3 + k], start, tangents[b, mirror_index, k])
-                spread(floats[6 + k], start, tangents[c, mirror_index, k])
+                spread(floats[TANGENT_A + k], start, tangents[a, mirror_index, k])
+                spread(floats[TANGENT_B + k], start, tangents[b, mirror_index, k])
+                spread(floats[TANGENT_C + k], start, tangents[c, mirror_index, k])
 
 
 @helper
-def perturb_segment(segment, block, uv, tangents, scale, matrix, mirrored):
+def perturb_segment(segment, block, uv, tangents, double_scale, matrix, mirror_sign):
     """Perturb the normals of a segment by a normal map."""
-    gather_tangents(segment, block, uv, tangents, mirrored)
+    gather_tangents(segment, block, uv, tangents, mirror_sign)
     samples, floats, weights = block.samples, block.floats, block.weights
     s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
     nx, ny, nz = three_parts(samples, rows.NORMAL_X, s, e)
-    bx, by, bz = three_parts(floats, 0, s, e)
-    is_valid = part(floats, 3, s, e)
+    px, py, pz = three_parts(floats, TANGENT_A, s, e)
+    # Shares memory with ``xb``.
+    is_valid_row = part(floats, TANGENT_B, s, e)
     perturb_normals(
-        nx, ny, nz, bx, by, bz, is_valid, *three_parts(floats, 4, s, e), part(floats, 7, s, e),
-        part(floats, 8, s, e), part(block.doubles, 0, s, e), part(weights, 0, s, e),
-        part(weights, 1, s, e), part(block.ints, rows.BACKFACE, s, e),
-        *three_parts(block.colors, texture_lookup.TEXTURE_RED, s, e), scale, matrix,
+        nx, ny, nz, px, py, pz, is_valid_row, *three_parts(floats, TANGENT_B + 1, s, e),
+        part(floats, TANGENT_C + 1, s, e), part(floats, TANGENT_C + 2, s, e),
+        part(block.doubles, 0, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+        part(block.ints, rows.BACKFACE, s, e),
+        *three_parts(block.colors, texture_lookup.TEXTURE_RED, s, e), double_scale, matrix,
     )  # fmt: skip
-    replace_perturbed(bx, is_valid, nx)
-    replace_perturbed(by, is_valid, ny)
-    replace_perturbed(bz, is_valid, nz)
+    replace_perturbed(px, is_valid_row, nx)
+    replace_perturbed(py, is_valid_row, ny)
+    replace_perturbed(pz, is_valid_row, nz)
 
 
 @stage
 def apply_normal_maps(
-    block: Block, count, table: int64[:, :, ::1], uv: float32[:, ::1],
+    block: Block, count, texture_table: int64[:, :, ::1], uv: float32[:, ::1],
     tangents: float32[:, :, ::1], factors: float32[:, ::1], placement: Placement,
 ):  # fmt: skip
     """Perturb the normals by normal maps."""
     for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
-        if table[owner, texturing.NORMAL, texturing.FIRST_LEVEL] >= 0:
+        if texture_table[owner, texturing.NORMAL, texturing.FIRST_LEVEL] >= 0:
             perturb_segment(
                 segment, block, uv, tangents, 2.0 * np.float64(factors[owner, NORMAL_SCALE]),
                 get_linear_part(placement.relative_from_model, owner), placement.mirrored[owner],

@@ -680,7 +680,7 @@ class TileDrawer(NamedTuple):
     """From `allocate_scratch`."""
     drawing: TileDrawing
     alpha_queue: AlphaQueue
-    called: tuple[Any, ...]
+    keep_alive: tuple[Any, ...]
     """Owners of the memory behind the addresses."""
 
 
