@@ -51,18 +51,18 @@ if TYPE_CHECKING:
 
     from rasterjit.io.foreign.isolation import Session
 
-__all__ = ["LoadWarning", "MeshFileError", "as_added_scene", "as_scene", "from_trimesh", "load"]
+__all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "get_scene_to_add", "load"]
 
 EXTRA_SUFFIXES = (".3dxml", ".dae", ".xaml", ".zae")
 """Mesh files that need ``rasterjit[formats]``: without it, `load` says so."""
 
 AMBIGUOUS_SUFFIXES = (".xml", ".dat", ".node")
-"""Extensions of mesh files that most other files of a folder share."""
+"""Extensions that many files which are no meshes have too."""
 
 
 def mesh_files(folder: str | Path) -> list[Path]:
     """
-    Return all mesh files below a folder that trimesh reads, in the order of their names.
+    Return all files below a folder with one of `mesh_suffixes`, in the order of their names.
 
     Hidden files and folders are left out, and ``.xml``, ``.dat`` and ``.node``: such names have
     many files that are no meshes, or are a part of one.
@@ -84,10 +84,8 @@ def mesh_files(folder: str | Path) -> list[Path]:
 
 
 def mesh_suffixes() -> frozenset[str]:
-    """Return the extensions of files that are meshes wherever they lie, with a dot."""
+    """Return the extensions that always mean a mesh, with a dot."""
     from trimesh.exchange.load import mesh_formats
-
-    from rasterjit.io.gltf.scene import GLTF_FORMATS
 
     extensions = (*mesh_formats(), *GLTF_FORMATS, "3mf")
     return frozenset((*(f".{name}" for name in extensions), *EXTRA_SUFFIXES)).difference(
@@ -100,7 +98,7 @@ ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
 """For a damaged file: refuse it; or load the rest and warn."""
 
 BUILTIN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *XYZ_FORMATS)
-"""Formats that `rasterjit.io.text` and `rasterjit.io.point_clouds` read."""
+"""Formats that `_read_builtin` reads."""
 
 EXTRA_MODULES = ("lxml", "networkx", "collada", "svg", "ezdxf")
 """Modules that the extra ``rasterjit[formats]`` brings."""
@@ -240,7 +238,7 @@ def load(
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out, isolate)
         scene.up = _find_up_axis(file)
     except Exception as error:
-        # Readers name what they cannot read; this is the reason.
+        # The real reason may be the memory limit, or a name that belies the content.
         budget.check()
         kind = detect_kind(file, extension_of(file))
         if kind is None:
@@ -274,7 +272,7 @@ def _load(
         return load_binvox(file, resources, left_out)
     if extension in BUILTIN_FORMATS:
         damage = Damage(file, on_damage, left_out)
-        data: Any = _read_parts(file, resources, damage, left_out)
+        data: Any = _read_builtin(file, resources, damage, left_out)
         damage.add_to_left_out()
     elif isolate:
         from rasterjit.io.foreign.isolation import read_isolated
@@ -290,7 +288,7 @@ def _load(
     except READER_ERRORS as error:
         if extension in BUILTIN_FORMATS or not isolate:
             raise
-        # What the process of another package sent is not trusted either.
+        # Data from the isolated process may be malformed: same error as a damaged file.
         raise MeshFileError(f"{file} could not be read as .{extension}: {DAMAGED}") from error
 
 
@@ -324,7 +322,7 @@ def _find_up_axis(file: Path) -> tuple[float, float, float] | None:
     return {b"X": (1.0, 0.0, 0.0), b"Y": (0.0, 1.0, 0.0), b"Z": (0.0, 0.0, 1.0)}[axis]
 
 
-def _read_parts(
+def _read_builtin(
     file: Path, resources: Resources, damage: Damage, left_out: LeftOut
 ) -> Sequence[Geometry]:
     """Read a file of `BUILTIN_FORMATS`, or raise `MeshFileError`."""
@@ -394,7 +392,8 @@ def from_trimesh(
         )
     left_out = LeftOut()
     source = f"trimesh {type(what).__name__}"
-    scene = TrimeshAdapter(Context(source, on_invalid, crease_angle, left_out), False).scene(what)
+    context = Context(source, on_invalid, crease_angle, left_out)
+    scene = TrimeshAdapter(context, from_file=False).scene(what)
     left_out.warn(source)
     return scene
 
@@ -440,7 +439,7 @@ def as_scene(what: Any, name: str = "what") -> Scene:
     )
 
 
-def as_added_scene(what: Any) -> Scene:
+def get_scene_to_add(what: Any) -> Scene:
     """
     Return a scene, or an object of another package as one, whose nodes are to be added to another.
 
@@ -457,7 +456,8 @@ def as_added_scene(what: Any) -> Scene:
     left_out = LeftOut()
     if _is_trimesh(what):
         source = f"trimesh {type(what).__name__}"
-        scene = TrimeshAdapter(Context(source, "raise", _CREASE_ANGLE, left_out), False).scene(what)
+        context = Context(source, "raise", _CREASE_ANGLE, left_out)
+        scene = TrimeshAdapter(context, from_file=False).scene(what)
     elif find_package(what) is not None:
         scene = convert_foreign(what, "raise", _CREASE_ANGLE, left_out)
     elif isinstance(what, Scene):
@@ -465,8 +465,8 @@ def as_added_scene(what: Any) -> Scene:
     else:
         hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
         raise ValueError(
-            "mesh must be a rasterjit Mesh, Node or Scene, or an object of trimesh's, PyVista's, "
-            f"Open3D's or meshio's, got {type(what).__name__}{hint}"
+            "mesh must be a rasterjit Mesh, Label, Node or Scene, or an object of trimesh's, "
+            f"PyVista's, Open3D's or meshio's, got {type(what).__name__}{hint}"
         )
     if not scene.nodes:
         raise ValueError("mesh must be a scene with at least one mesh, got an empty one")

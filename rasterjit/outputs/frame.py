@@ -20,7 +20,7 @@ from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.output_table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene import notebook_preview
 from rasterjit.scene import validation as check
-from rasterjit.scene.hooks import call_above
+from rasterjit.scene.hooks import call_higher_level
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.section import planes_in
@@ -535,7 +535,7 @@ class Frame(RenderedOutputs):
         """
         if not isinstance(title, str):
             raise ValueError(f"title must be a text, got {check.brief(title)}")
-        call_above("show_picture", self, self.color, title or self.caption)
+        call_higher_level("show_picture", self, self.color, title or self.caption)
 
     @property
     def caption(self) -> str:

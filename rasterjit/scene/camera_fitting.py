@@ -20,7 +20,7 @@ from rasterjit.scene.camera import (
     OrthographicCamera,
     PerspectiveCamera,
 )
-from rasterjit.scene.hooks import call_above
+from rasterjit.scene.hooks import call_higher_level
 from rasterjit.scene.point_bounds import Chunks, ScenePoints
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.vectors import dot, length
@@ -463,7 +463,7 @@ def as_bounded(scene: Any) -> Bounded:
     # trimesh's objects have a property of this name, which is a mesh and needs SciPy.
     member = inspect.getattr_static(scene, "bounding_sphere", None)
     if member is None or isinstance(member, property):
-        return call_above("as_scene", scene, "scene")
+        return call_higher_level("as_scene", scene, "scene")
     return scene
 
 

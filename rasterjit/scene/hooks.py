@@ -10,13 +10,13 @@ HOOKS = {
     "pose_scene": "rasterjit.survey.deformation",
     "preview": "rasterjit.styles.small_preview",
     "save_gltf": "rasterjit.io.gltf.writing",
-    "as_added_scene": "rasterjit.io.meshes",
+    "get_scene_to_add": "rasterjit.io.meshes",
     "show_picture": "rasterjit.viewer.show_picture",
     "to_trimesh": "rasterjit.io.trimesh.writing",
 }
 """Module of each function of a higher level that scenes, meshes and frames call."""
 
 
-def call_above(name: str, *arguments: Any) -> Any:
+def call_higher_level(name: str, *arguments: Any) -> Any:
     """Call a function of `HOOKS`."""
     return getattr(import_module(HOOKS[name]), name)(*arguments)

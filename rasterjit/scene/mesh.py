@@ -24,7 +24,7 @@ from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.first_corners import rotate_corners
-from rasterjit.scene.hooks import call_above
+from rasterjit.scene.hooks import call_higher_level
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
@@ -400,7 +400,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         """Fill a copy, or what was pickled; its arrays are read-only too."""
         super().__setstate__(state)
         if self._joints is not None or self._morph_targets is not None:
-            Deformable.exists = True
+            Deformable.any_made = True
 
     def __repr__(self) -> str:
         return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
@@ -477,7 +477,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
                     f"{targets.vertex_count}"
                 )
             self._morph_targets = targets
-        Deformable.exists = True
+        Deformable.any_made = True
 
     def used_vertices(self) -> Bool:
         """Mark the vertices, (V,) bool, that are finite and belong to a face."""
@@ -700,7 +700,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         SaveWarning
             Once, naming what trimesh has no place for.
         """
-        return call_above("to_trimesh", self)
+        return call_higher_level("to_trimesh", self)
 
     def shown_vertex_colors(self) -> Float32 | None:
         """Return colours of the vertices, (V, 4) linear RGBA, or of their scalars, or None."""

@@ -6,7 +6,7 @@ import base64
 from html import escape
 from typing import Any, TypeAlias
 
-from rasterjit.scene.hooks import call_above
+from rasterjit.scene.hooks import call_higher_level
 
 Bundle: TypeAlias = tuple[dict[str, Any], dict[str, Any]]
 """Data and metadata, each by media type, as ``_repr_mimebundle_`` returns them."""
@@ -40,7 +40,7 @@ class PicturePreview:
 
     def _picture(self) -> Any:
         """Return a small frame; None if there is nothing to see."""
-        return call_above("preview", self)
+        return call_higher_level("preview", self)
 
 
 def mime_bundle(

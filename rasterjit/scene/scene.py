@@ -21,7 +21,7 @@ from rasterjit.scene.decomposed_transform import TRS, compose_trs
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
-from rasterjit.scene.hooks import call_above
+from rasterjit.scene.hooks import call_higher_level
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
@@ -59,7 +59,7 @@ EFFECT_FIELDS: dict[str, type] = {
     "vignette": Vignette,
     "section": SectionPlane,
 }
-"""The fields of a scene that ask for effects: what they hold if not None; a section, or several."""
+"""Effect fields of a scene, and the class that each holds; ``section`` may be a tuple."""
 
 
 def _check_effect(name: str, value: Any) -> Any:
@@ -147,14 +147,14 @@ class Scene(Guarded, PicturePreview):
         self.outline: Outline | None = None
         self.vignette: Vignette | None = None
         self.section: SectionPlane | Sequence[SectionPlane] | None = None
-        # Topmost nodes without a mesh, which may have none below them either; how many objects
-        # were removed, so that default names stay apart.
+        # Roots without a mesh (with or without meshes below); how many objects were removed, so
+        # that default names stay apart.
         self._groups: dict[Node, None] = {}
         self._removed = 0
         # Nodes that carry a label, in the order in which they came.
         self._labelled: dict[Node, None] = {}
         # Shading as another program's shader does it, for `compat`.
-        self._reference: ReferenceShading | None = None
+        self._reference_shading: ReferenceShading | None = None
         # Names of variants that a file has, and the one that is shown.
         self._variants: tuple[str, ...] = ()
         self._variant: str | None = None
@@ -181,7 +181,7 @@ class Scene(Guarded, PicturePreview):
         """Restore a copied or pickled scene, which owns its nodes."""
         state = dict(state)
         for node, parent, transform, trs in state.pop("links"):
-            # Scenes that share nodes may be copied together.
+            # Else its parent was restored by another scene that shares it.
             if node.parent is None:
                 node._attach_copy(parent, transform, trs)
         self.__dict__.update(state)
@@ -223,7 +223,7 @@ class Scene(Guarded, PicturePreview):
             Default: the identity, or that of the `Node`.
         name : str, optional
             Default: ``"object <number>"``, as many as there are and have been removed; that of the
-            `Node`; of a label, and of a scene that is more than one mesh at its origin, none.
+            `Node`; none of a label, and of a scene unless it is one mesh with the identity.
         parent : Node, optional
             One of the scene's, with or without a mesh, that it moves with.
 
@@ -260,7 +260,7 @@ class Scene(Guarded, PicturePreview):
         if isinstance(mesh, Label):
             node = Node(None, transform, "" if name is None else str(name), label=mesh)
             return self._add_node(node, None, None, parent)
-        added = call_above("as_added_scene", mesh)
+        added = call_higher_level("get_scene_to_add", mesh)
         if _is_single_mesh(added):
             return self.add(added.nodes[0].mesh, transform, name, parent=parent)
         group, nodes, animations = _copy_group(added, transform, "" if name is None else str(name))
@@ -394,7 +394,7 @@ class Scene(Guarded, PicturePreview):
         SaveWarning
             Once, naming what the file has not, or has in another form.
         """
-        call_above("save_gltf", self, path)
+        call_higher_level("save_gltf", self, path)
 
     def to_trimesh(self) -> trimesh.Scene:
         """
@@ -409,7 +409,7 @@ class Scene(Guarded, PicturePreview):
         SaveWarning
             Once, naming what trimesh has no place for.
         """
-        return call_above("to_trimesh", self)
+        return call_higher_level("to_trimesh", self)
 
     def at(
         self,
@@ -457,8 +457,8 @@ class Scene(Guarded, PicturePreview):
         seconds = check.finite_number("time", time)
         animations = self._choose_animations(animation)
         values: dict[int, dict[str, Any]] = {}
-        for part in animations:
-            for channel in part.channels:
+        for chosen in animations:
+            for channel in chosen.channels:
                 values.setdefault(id(channel.node), {})[channel.path] = channel.at(seconds)
         return self._copy_with_values(values)
 
@@ -521,14 +521,14 @@ class Scene(Guarded, PicturePreview):
             The same objects, as they are drawn: nodes of their own, without skins, in the order of
             ``nodes``, each with its mesh as it is posed. The scene itself where nothing is posed.
         """
-        return call_above("pose_scene", self) if Deformable.exists else self
+        return call_higher_level("pose_scene", self) if Deformable.any_made else self
 
     def _copy_with_values(self, changes: dict[int, dict[str, Any]]) -> Scene:
         """Return a copy that owns its nodes, with changed values by the ids of the old ones."""
         copies: dict[int, Node] = {}
         for node in self._all_nodes():
             parent = None if node.parent is None else copies[id(node.parent)]
-            copies[id(node)] = _moved_copy(node, parent, changes.get(id(node), {}))
+            copies[id(node)] = _copy_node(node, parent, changes.get(id(node), {}))
         _set_skins(copies)
         copied = copy.copy(self)
         copied.nodes = [copies[id(node)] for node in self.nodes]
@@ -543,7 +543,7 @@ class Scene(Guarded, PicturePreview):
     def _all_roots(self, others: Iterable[Node] = ()) -> list[Node]:
         """Return the roots of all trees, also those of joints and of other nodes."""
         roots = dict.fromkeys(roots_of((*self.nodes, *self._groups, *others)))
-        pending = list(roots) if Deformable.exists else []
+        pending = list(roots) if Deformable.any_made else []
         while pending:
             skins = [node._skin for root in pending for node in subtree(root)]
             joints = [one.joints for one in dict.fromkeys(skins) if one is not None]
@@ -552,7 +552,7 @@ class Scene(Guarded, PicturePreview):
         return list(roots)
 
     def _all_nodes(self) -> Iterator[Node]:
-        """Yield all nodes of these trees, each before those below it."""
+        """Yield all nodes of the trees of `_all_roots`, each before those below it."""
         return itertools.chain.from_iterable(map(subtree, self._all_roots()))
 
     def every_node(self) -> list[Node]:
@@ -610,7 +610,7 @@ class Scene(Guarded, PicturePreview):
                 mesh.show_variant(value)
         self._variant = value
 
-    def name_variants(self, names: Iterable[str]) -> None:
+    def set_file_variants(self, names: Iterable[str]) -> None:
         """Put names first among ``variants``, before those that only meshes have."""
         self._variants = check.strings("names", names)
 
@@ -628,7 +628,7 @@ class Scene(Guarded, PicturePreview):
         return node.mesh is not None and any(node is one for one in self.nodes)
 
     def _check_parent(self, parent: Any) -> None:
-        """Raise ``ValueError`` unless a node is in the scene; register one only ``nodes`` has."""
+        """Raise ``ValueError`` unless a node is in the scene; register it if only in ``nodes``."""
         if not isinstance(parent, Node):
             raise ValueError(f"parent must be a Node or None, got {check.brief(parent)}")
         if not self._holds(parent):
@@ -638,7 +638,7 @@ class Scene(Guarded, PicturePreview):
             self._register(parent)
 
     def _check_unshared(self, name: str, node: Node) -> None:
-        """Raise ``ValueError`` if a node belongs to another scene, whose list was copied."""
+        """Raise ``ValueError`` if a node belongs to another scene, as after ``copy.copy``."""
         if scene_of(node) not in (None, self):
             raise ValueError(
                 f"{name} must be the scene's own, got {node!r}, which is another's as well; "
@@ -669,7 +669,7 @@ class Scene(Guarded, PicturePreview):
         self.nodes += [member for member in with_mesh if id(member) not in listed]
 
     def _unregister_mesh(self, node: Node) -> None:
-        """Remove a node that has lost its mesh from ``nodes``."""
+        """Make a node that lost its mesh a group."""
         self.nodes[:] = [one for one in self.nodes if one is not node]
         self._register(node)
 
@@ -724,26 +724,26 @@ class Scene(Guarded, PicturePreview):
         matrices_by_mesh: dict[Mesh, list[NDArray[np.float64]]] = {}
         for node in self.posed().nodes:
             if node.mesh is None:
-                # What draws the scene says that it should not be there.
+                # Rendering reports nodes without a mesh; skip here.
                 continue
             matrices_by_mesh.setdefault(node.mesh, []).append(node.world_from_model)
         for mesh, matrices in matrices_by_mesh.items():
-            used, sizes = mesh.used_vertices(), _half_sizes(mesh)
-            poses = np.concatenate(matrices).reshape(-1, 4, 4)
-            scales, is_whole = _max_scales(poses), bool(used.all())
+            used, half_sizes = mesh.used_vertices(), _half_sizes(mesh)
+            instance_matrices = np.concatenate(matrices).reshape(-1, 4, 4)
+            scales, uses_all_vertices = _max_scales(instance_matrices), bool(used.all())
             for start in range(0, len(used), _VERTICES_PER_CHUNK):
                 chunk = slice(start, start + _VERTICES_PER_CHUNK)
                 positions = mesh.vertices[chunk]
-                if not is_whole:
+                if not uses_all_vertices:
                     positions = positions[used[chunk]]
                 count = max(1, _VERTICES_PER_CHUNK // max(1, len(positions)))
-                for first in range(0, len(poses) if len(positions) else 0, count):
-                    poses_chunk = poses[first : first + count]
+                for first in range(0, len(instance_matrices) if len(positions) else 0, count):
+                    chunk_matrices = instance_matrices[first : first + count]
                     halves = None
-                    if sizes is not None:
-                        row = sizes[chunk][used[chunk]]
+                    if half_sizes is not None:
+                        row = half_sizes[chunk][used[chunk]]
                         halves = np.outer(scales[first : first + count], row).reshape(-1, 1)
-                    yield transform_instances(poses_chunk, positions).reshape(-1, 3), halves
+                    yield transform_instances(chunk_matrices, positions).reshape(-1, 3), halves
 
 
 def _half_sizes(mesh: Mesh) -> NDArray[np.float64] | None:
@@ -754,10 +754,10 @@ def _half_sizes(mesh: Mesh) -> NDArray[np.float64] | None:
     if len(sizes) == 1 or isinstance(mesh, Points):
         return np.broadcast_to(0.5 * sizes, len(mesh.vertices))
     # At a joint, that of the widest segment.
-    max_sizes = np.zeros(len(mesh.vertices))
+    max_halves = np.zeros(len(mesh.vertices))
     for end in mesh.segments.T:
-        np.maximum.at(max_sizes, end, 0.5 * sizes)
-    return max_sizes
+        np.maximum.at(max_halves, end, 0.5 * sizes)
+    return max_halves
 
 
 def _max_scales(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -774,7 +774,7 @@ def with_labels(scene: Scene, nodes: Iterable[Node]) -> Scene:
     return result
 
 
-def _moved_copy(node: Node, parent: Node | None, values: dict[str, Any]) -> Node:
+def _copy_node(node: Node, parent: Node | None, values: dict[str, Any]) -> Node:
     """Return a copy of a node below a new parent, with changed transform parts or weights."""
     transform, trs = node._transform, node._trs
     parts = {path: value for path, value in values.items() if path != "weights"}
@@ -793,7 +793,7 @@ def _moved_copy(node: Node, parent: Node | None, values: dict[str, Any]) -> Node
 
 
 def _is_single_mesh(scene: Scene) -> bool:
-    """Tell whether a scene is one mesh, at the origin."""
+    """Tell whether a scene is one mesh, with the identity as transform."""
     if len(scene.nodes) != 1 or scene.labelled:
         return False
     (node,) = scene.nodes
@@ -815,11 +815,11 @@ def _copy_group(
     copies: dict[int, Node] = {}
     for node in scene._all_nodes():
         parent = group if node.parent is None else copies[id(node.parent)]
-        copied = copies[id(node)] = _moved_copy(node, parent, {})
+        copied = copies[id(node)] = _copy_node(node, parent, {})
         if id(node) not in drawn_ids:
             copied._skin = copied._weights = copied._mesh = None
     _set_skins(copies)
-    order = [copies[number] for number in dict.fromkeys(map(id, scene.nodes))]
+    order = [copies[node_id] for node_id in dict.fromkeys(map(id, scene.nodes))]
     animations = [animation._with_nodes(copies) for animation in scene._animations_in_scene()]
     return group, [node for node in order if node.mesh is not None], animations
 

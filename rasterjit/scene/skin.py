@@ -38,7 +38,7 @@ _MIN_DETERMINANT = 1e-30
 class Deformable:
     """Note whether this process has made a mesh with joints or morph targets: else skip posing."""
 
-    exists = False
+    any_made = False
 
 
 class WorldObject:

@@ -90,7 +90,7 @@ def check_lists(scene: Scene) -> None:
 
 def pose_scene(scene: Scene) -> Scene:
     """Return a scene with all skins and morph weights applied; itself where nothing is posed."""
-    if not Deformable.exists:
+    if not Deformable.any_made:
         return scene
     # Of thousands of nodes, few can be posed.
     posable = [

@@ -384,7 +384,7 @@ def collect_facts(
         == (outputs, diagnose, has_uneven_scale)
         and previous.has_lights == bool(scene.lights)
         and previous.fog is fog
-        and _is_same_shading(previous.reference, scene._reference)
+        and _is_same_shading(previous.reference, scene._reference_shading)
         and previous.has_background == (background is not None)
         and previous.in_view.tobytes() == in_view.tobytes()
     ):
@@ -412,7 +412,7 @@ def collect_facts(
             },
             fog=fog,
             frame_outputs=outputs,
-            reference=scene._reference,
+            reference=scene._reference_shading,
         )
     transparency = facts.transparency
     if facts is not previous or facts.counts.blended > 0:

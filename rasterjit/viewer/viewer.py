@@ -740,9 +740,9 @@ class Viewer:
             nodes = [self.scene.nodes[number] for number in self.numbers]
             # A scene must not be empty: a face without area is never seen.
             scene.nodes = nodes or [Node(Mesh([self._ball.center] * 3, [[0, 1, 2]]))]
-            if scene._reference is not None:
+            if (shading := scene._reference_shading) is not None:
                 # The reference shader holds rows of objects: keep those of visible ones.
-                scene._reference = scene._reference.select_objects(self.numbers) if nodes else None
+                scene._reference_shading = shading.select_objects(self.numbers) if nodes else None
         used = effect_switches.find_used_effects(scene, self.camera, self.size)
         for name in self._switched:
             changed = effect_switches.toggle(scene, name, used)

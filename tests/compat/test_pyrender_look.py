@@ -76,7 +76,7 @@ def test_a_scene_that_does_not_ask_for_it_is_as_ever():
     assert "as pyrender's shader does" in asked
     assert "pyrender.add_lights_as_pyrender" in asked
     before = color_of(scene, camera)
-    scene._reference = None
+    scene._reference_shading = None
     plain = describe(rj.explain(scene, camera, size=size))
     assert "pyrender" not in plain
     assert (color_of(scene, camera) != before).any()

@@ -483,7 +483,7 @@ def convert_scene(
                     are_squares.append(False)
                     gains.append(np.ones(6, np.float32))
     if not shapes_alone:
-        drawn._reference = _make_reference_shading(
+        drawn._reference_shading = _make_reference_shading(
             drawn, owners, (faces_viewer, are_squares, gains), scene, flags, views or {}
         )
     return ConvertedScene(drawn, owners, is_blended, fades)
@@ -632,11 +632,11 @@ def make_light_camera(scene: Scene, node: Node) -> MatrixCamera:
 
 def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> None:
     """Add lights at their poses to a converted scene; they light all objects."""
-    before, count = drawn._reference, len(added)
+    before, count = drawn._reference_shading, len(added)
     drawn.lights += [light.convert(pose, None) for light, pose in added]
     radiance = np.array([light.radiance for light, _ in added], np.float32).reshape(-1, 3)
     new_columns = np.ones((len(before.light_mask), count), np.uint8)
-    drawn._reference = replace(
+    drawn._reference_shading = replace(
         before, radiance=np.concatenate([before.radiance, radiance]),
         light_mask=np.hstack([before.light_mask, new_columns]),
     )  # fmt: skip

@@ -332,7 +332,7 @@ def scenes_look_alike(one: Scene, other: Scene) -> bool:
     return (
         len(one.nodes) == len(other.nodes)
         and one.lights == other.lights
-        and _is_same_reference(one._reference, other._reference)
+        and _is_same_reference(one._reference_shading, other._reference_shading)
         and all(getattr(one, name) == getattr(other, name) for name in EFFECT_FIELDS)
         and all(_is_same_node(a, b) for a, b in zip(one.nodes, other.nodes, strict=True))
     )

@@ -68,12 +68,12 @@ def check_corners(corners: NDArray[Any], count: int, source: str) -> None:
         )
 
 
-def check_count(cells: str, counts: NDArray[Any], expected: int, source: str) -> None:
+def check_count(cell_type: str, counts: NDArray[Any], expected: int, source: str) -> None:
     """Raise `MeshFileError` if cells of a kind have another number of points than expected."""
     wrong = counts[counts != expected]
     if len(wrong):
         raise MeshFileError(
-            f"{source} must have {expected} points in each {cells} cell, got {int(wrong[0])}"
+            f"{source} must have {expected} points in each {cell_type} cell, got {int(wrong[0])}"
         )
 
 
@@ -88,7 +88,7 @@ def is_scalar(values: NDArray[Any]) -> bool:
     return single and values.dtype.kind in "buif"
 
 
-def check_normals(
+def get_usable_normals(
     points: NDArray[Any], faces: NDArray[np.int64], normals: NDArray[Any] | None
 ) -> NDArray[Any] | None:
     """Return normals; None if some are missing, or they smooth over sharp edges."""
@@ -108,10 +108,12 @@ def take_rows(
     return {name: one if rows is None else one[rows] for name, one in values.items()}
 
 
-def drop_nonfinite(values: dict[str, NDArray[Any]], scalars: str | None) -> dict[str, NDArray[Any]]:
-    """Return named arrays, without the scalars that are shown if these are not finite."""
+def drop_nonfinite_shown(
+    values: dict[str, NDArray[Any]], shown: str | None
+) -> dict[str, NDArray[Any]]:
+    """Return named arrays, without the one whose name is ``shown`` if it is not finite."""
     return {
-        name: one for name, one in values.items() if name != scalars or bool(np.isfinite(one).all())
+        name: one for name, one in values.items() if name != shown or bool(np.isfinite(one).all())
     }
 
 
@@ -137,7 +139,7 @@ _CELL_POINTS = {
     "vertex": 1, "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6,
     "hexahedron": 8,
 }  # fmt: skip
-"""Points of a cell whose type does not end in their number."""
+"""Number of points of a cell type, unless a suffix gives it (triangle6)."""
 
 _UNREAD_FIELDS = ("point_sets", "cell_sets", "field_data", "gmsh_periodic")
 """Fields of a ``meshio.Mesh`` that are not read."""
@@ -157,48 +159,48 @@ def convert_meshio(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
     blocks = [(str(block.type), np.asarray(block.data)) for block in what.cells]
     begins = np.cumsum([0, *(len(data) for _, data in blocks)]).tolist()
     # Values of points and of cells.
-    of_points = {str(name): np.asarray(values) for name, values in what.point_data.items()}
-    of_cells = {
+    point_arrays = {str(name): np.asarray(values) for name, values in what.point_data.items()}
+    cell_arrays = {
         str(name): _concatenate_blocks([np.asarray(one) for one in values])
         for name, values in what.cell_data.items()
     }
     count = sum(len(data) for _, data in blocks)
-    for name in [name for name, values in of_cells.items() if len(values) != count]:
+    for name in [name for name, values in cell_arrays.items() if len(values) != count]:
         left_out.note(f"values {name[:MAX_NAME_LENGTH]!r} that do not fit all cells")
-        del of_cells[name]
+        del cell_arrays[name]
     for kind in _UNREAD_FIELDS:
         left_out.note(kind.replace("_", " "), len(getattr(what, kind, None) or ()))
     # Cells by what is drawn of them.
-    polygons, strips, lone = _CellRows(), _CellRows(), _CellRows()
+    polygons, segments, vertex_cells = _CellRows(), _CellRows(), _CellRows()
     solids = _CellRows()
     for (kind, data), begin in zip(blocks, begins, strict=False):
-        numbers = np.arange(begin, begin + len(data))
+        cell_numbers = np.arange(begin, begin + len(data))
         stem = kind.rstrip("0123456789")
         if stem in _CELL_POINTS:
             expected = int(kind.removeprefix(stem) or _CELL_POINTS[stem])
             check_count(kind, np.full(len(data), data.shape[-1]), expected, source)
         if kind in _FACE_CELLS or kind.startswith("polygon"):
-            polygons.add(data[:, : _FACE_CELLS.get(kind, data.shape[1])], numbers)
+            polygons.add(data[:, : _FACE_CELLS.get(kind, data.shape[1])], cell_numbers)
         elif stem in _SOLID_FACES and data.ndim == 2:
             for side in _SOLID_FACES[stem]:
-                solids.add(data[:, side], numbers)
+                solids.add(data[:, side], cell_numbers)
         elif kind in _LINE_CELLS:
             order = _LINE_CELLS[kind]
             for first, last in pairwise(order):
-                strips.add(data[:, [first, last]], numbers)
+                segments.add(data[:, [first, last]], cell_numbers)
         elif kind == "vertex":
-            lone.add(data, numbers)
+            vertex_cells.add(data, cell_numbers)
         else:
             left_out.note(f"{kind} cell", len(data))
     # Of solids their outside.
     outer = solids.boundary()
     if outer.blocks:
         polygons, all_polygons = polygons.without(outer), polygons
-        duplicates = len(all_polygons.numbers()) - len(polygons.numbers())
-        left_out.note("values of a face that is a side of a solid", duplicates if of_cells else 0)
+        repeats = len(all_polygons.numbers()) - len(polygons.numbers())
+        left_out.note("values of a face that is a side of a solid", repeats if cell_arrays else 0)
     polygons.add_all(outer)
-    is_solid = bool(solids.blocks)
-    return _make_geometries(points, of_points, of_cells, (polygons, strips, lone), is_solid, source)
+    drawn_cells, is_solid = (polygons, segments, vertex_cells), bool(solids.blocks)
+    return _make_geometries(points, point_arrays, cell_arrays, drawn_cells, is_solid, source)
 
 
 class _CellRows:
@@ -235,7 +237,7 @@ class _CellRows:
             if corners.shape[1] <= 4:
                 key[:, : corners.shape[1]] = np.sort(corners, axis=1)
             else:
-                # Each is another one.
+                # Never equal to another polygon.
                 key[:, 0] = -2 - numbers
             keys.append(key)
         return np.concatenate(keys)
@@ -266,25 +268,26 @@ def _concatenate_blocks(blocks: list[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _make_geometries(
-    points: NDArray[Any], of_points: dict[str, NDArray[Any]], of_cells: dict[str, NDArray[Any]],
-    rows: tuple[_CellRows, _CellRows, _CellRows], is_solid: bool, source: str,
+    points: NDArray[Any], point_arrays: dict[str, NDArray[Any]],
+    cell_arrays: dict[str, NDArray[Any]], drawn_cells: tuple[_CellRows, _CellRows, _CellRows],
+    is_solid: bool, source: str,
 ) -> list[Geometry]:  # fmt: skip
     """Return the mesh, lines and points of cells; without cells, a cloud of all points."""
-    polygons, strips, lone = rows
-    point_scalars = _first_scalar(of_points, len(points))
-    scalars = None if point_scalars is None else of_points[point_scalars].reshape(-1)
-    cell_scalar = None if scalars is not None else _first_scalar(of_cells, None)
-    cell_scalars = None if cell_scalar is None else of_cells[cell_scalar].reshape(-1)
-    of_points = drop_nonfinite(of_points, point_scalars)
-    of_cells = {name: values for name, values in of_cells.items() if len(values)}
-    cell_data = drop_nonfinite(of_cells, cell_scalar)
+    polygons, segments, vertex_cells = drawn_cells
+    point_scalar_name = _first_scalar(point_arrays, len(points))
+    scalars = None if point_scalar_name is None else point_arrays[point_scalar_name].reshape(-1)
+    cell_scalar_name = None if scalars is not None else _first_scalar(cell_arrays, None)
+    cell_scalars = None if cell_scalar_name is None else cell_arrays[cell_scalar_name].reshape(-1)
+    point_arrays = drop_nonfinite_shown(point_arrays, point_scalar_name)
+    cell_arrays = {name: values for name, values in cell_arrays.items() if len(values)}
+    finite_cell_arrays = drop_nonfinite_shown(cell_arrays, cell_scalar_name)
     geometries: list[Geometry] = []
     if polygons.blocks:
         counts = np.concatenate(
             [np.full(len(corners), corners.shape[1]) for corners, _ in polygons.blocks]
         )
         corners = polygons.corners()
-        picked, polygon_numbers = triangulate(counts, by_size=False)
+        corner_rows, polygon_numbers = triangulate(counts, by_size=False)
         check_corners(corners, len(points), source)
         cells, used = polygons.numbers()[polygon_numbers], None
         if is_solid:
@@ -293,32 +296,34 @@ def _make_geometries(
             corners = corners.reshape(-1)
         geometries.append(
             MeshData(
-                "", points if used is None else points[used], corners[picked], None, None, None,
-                None, take_rows(of_points, used), take_rows(cell_data, cells),
-                scalars if scalars is None or used is None else scalars[used],
-                None if cell_scalars is None else cell_scalars[cells],
+                "", points if used is None else points[used], corners[corner_rows],
+                attributes=take_rows(point_arrays, used),
+                face_attributes=take_rows(finite_cell_arrays, cells),
+                scalars=scalars if scalars is None or used is None else scalars[used],
+                face_scalars=None if cell_scalars is None else cell_scalars[cells],
             )
         )  # fmt: skip
-    if strips.blocks:
-        segments, cells = np.concatenate([one for one, _ in strips.blocks]), strips.numbers()
-        check_corners(segments, len(points), source)
+    if segments.blocks:
+        corners, cells = np.concatenate([one for one, _ in segments.blocks]), segments.numbers()
+        check_corners(corners, len(points), source)
         geometries.append(
             LineSet(
-                "", points, segments, None, False, of_points, take_rows(cell_data, cells), None,
-                scalars, None if cell_scalars is None else cell_scalars[cells],
+                "", points, corners, attributes=point_arrays,
+                segment_attributes=take_rows(finite_cell_arrays, cells), scalars=scalars,
+                segment_scalars=None if cell_scalars is None else cell_scalars[cells],
             )
         )  # fmt: skip
-    picked = lone.corners()
-    check_corners(picked, len(points), source)
+    shown = vertex_cells.corners()
+    check_corners(shown, len(points), source)
     if geometries:
         # The others are corners of what is shown.
-        picked = np.setdiff1d(picked, np.concatenate([polygons.corners(), strips.corners()]))
-    elif not len(picked):
-        picked = np.arange(len(points))
-    if len(picked):
+        shown = np.setdiff1d(shown, np.concatenate([polygons.corners(), segments.corners()]))
+    elif not len(shown):
+        shown = np.arange(len(points))
+    if len(shown):
         geometries.append(
-            Cloud("", points[picked], None, None, take_rows(of_points, picked), None,
-                  None if scalars is None else scalars[picked])
+            Cloud("", points[shown], attributes=take_rows(point_arrays, shown),
+                  scalars=None if scalars is None else scalars[shown])
         )  # fmt: skip
     return geometries
 
@@ -396,7 +401,7 @@ def _convert_blocks(what: Any, name: str, source: str, left_out: LeftOut) -> lis
 
 
 def _check_cells(what: Any, source: str, left_out: LeftOut) -> None:
-    """Raise `MeshFileError` if cells lack points of their type: VTK reads out of bounds."""
+    """Raise `MeshFileError` if cells lack points: VTK reads out of bounds; note unknown types."""
     if not hasattr(what, "celltypes"):
         return
     from vtkmodules.vtkCommonDataModel import vtkGenericCell
@@ -432,7 +437,7 @@ def _read_arrays(data: Any, active: str | None, excluded: set[str]) -> _DataArra
             arrays.scalars = arrays.others[name] = values.reshape(-1)
         elif name not in excluded and not name.startswith(_INTERNAL_PREFIX):
             arrays.others[name] = values
-    arrays.others = drop_nonfinite(arrays.others, active)
+    arrays.others = drop_nonfinite_shown(arrays.others, active)
     return arrays
 
 
@@ -448,8 +453,8 @@ def _convert_surface(what: Any, name: str, source: str, left_out: LeftOut) -> li
     for kind in ("normals", "texture_coordinates"):
         array_name = getattr(what.point_data, f"active_{kind}_name", None)
         excluded |= {array_name} if array_name is not None else set()
-    of_points = _read_arrays(what.point_data, None if is_of_cells else active, excluded)
-    of_cells = _read_arrays(what.cell_data, active if is_of_cells else None, {"Normals"})
+    point_arrays = _read_arrays(what.point_data, None if is_of_cells else active, excluded)
+    cell_arrays = _read_arrays(what.cell_data, active if is_of_cells else None, {"Normals"})
     cells = {
         kind: split_cells(getattr(what, kind, ())) for kind in ("verts", "lines", "faces", "strips")
     }
@@ -459,21 +464,23 @@ def _convert_surface(what: Any, name: str, source: str, left_out: LeftOut) -> li
         begins[kind] = first
         first += len(counts)
     geometries: list[Geometry] = []
-    faces, numbers = _triangulate_cells(cells, begins, left_out)
+    faces, cell_numbers = _triangulate_cells(cells, begins, left_out)
     if len(faces):
-        geometries.append(_make_mesh(what, name, points, faces, numbers, of_points, of_cells))
+        geometries.append(
+            _make_mesh(what, name, points, faces, cell_numbers, point_arrays, cell_arrays)
+        )
     corners, counts = cells["lines"]
     if len(counts):
         segments, lines = split_into_segments(corners, counts)
         geometries.append(
-            _make_lines(name, points, segments, lines + begins["lines"], of_points, of_cells)
+            _make_lines(name, points, segments, lines + begins["lines"], point_arrays, cell_arrays)
         )
     corners, counts = cells["verts"]
     if len(counts) or not geometries:
         rows = corners if len(counts) and len(corners) != len(points) else None
         cells_of_points = np.repeat(np.arange(len(counts)), counts)
         geometries.append(
-            _make_points(what, name, points, rows, cells_of_points, of_points, of_cells)
+            _make_points(what, name, points, rows, cells_of_points, point_arrays, cell_arrays)
         )
     return geometries
 
@@ -488,11 +495,11 @@ def _triangulate_cells(
     is_polygon = counts >= 3
     left_out.note("polygon of fewer than 3 corners", int(np.count_nonzero(~is_polygon)))
     corners = corners[np.repeat(is_polygon, counts)]
-    numbers = np.flatnonzero(is_polygon) + begins["faces"]
+    cell_numbers = np.flatnonzero(is_polygon) + begins["faces"]
     faces, polygons = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
-    if len(numbers):
+    if len(cell_numbers):
         corner_rows, polygons = triangulate(counts[is_polygon], by_size=False)
-        faces, polygons = corners[corner_rows], numbers[polygons]
+        faces, polygons = corners[corner_rows], cell_numbers[polygons]
     corners, counts = cells["strips"]
     corner_rows, strips = triangulate_strips(counts)
     faces = np.concatenate([faces, corners[corner_rows]])
@@ -501,52 +508,53 @@ def _triangulate_cells(
 
 def _make_mesh(
     what: Any, name: str, points: NDArray[Any], faces: NDArray[np.int64],
-    numbers: NDArray[np.int64], of_points: _DataArrays, of_cells: _DataArrays,
+    cell_numbers: NDArray[np.int64], point_arrays: _DataArrays, cell_arrays: _DataArrays,
 ) -> MeshData:  # fmt: skip
     """Return the faces of a surface as mesh data."""
-    normals = check_normals(points, faces, _read_rows(what, "active_normals", 3))
+    normals = get_usable_normals(points, faces, _read_rows(what, "active_normals", 3))
     uv = _read_rows(what, "active_texture_coordinates", 2)
-    colors, scalars = of_points.colors, of_points.scalars
-    if of_cells.colors is not None:
-        colors = of_cells.colors[numbers]
+    colors, scalars = point_arrays.colors, point_arrays.scalars
+    if cell_arrays.colors is not None:
+        colors = cell_arrays.colors[cell_numbers]
     return MeshData(
-        name, points, faces, normals, uv, colors, None, of_points.others,
-        take_rows(of_cells.others, numbers), scalars,
-        None if of_cells.scalars is None else of_cells.scalars[numbers],
+        name, points, faces, normals, uv, colors, None, point_arrays.others,
+        take_rows(cell_arrays.others, cell_numbers), scalars,
+        None if cell_arrays.scalars is None else cell_arrays.scalars[cell_numbers],
     )  # fmt: skip
 
 
 def _make_lines(
     name: str, points: NDArray[Any], segments: NDArray[np.int64], lines: NDArray[np.int64],
-    of_points: _DataArrays, of_cells: _DataArrays,
+    point_arrays: _DataArrays, cell_arrays: _DataArrays,
 ) -> LineSet:  # fmt: skip
     """Return the lines of a surface as a line set."""
-    colors = of_points.colors if of_cells.colors is None else of_cells.colors[lines]
+    colors = point_arrays.colors if cell_arrays.colors is None else cell_arrays.colors[lines]
     return LineSet(
-        name, points, segments, colors, of_cells.colors is not None, of_points.others,
-        take_rows(of_cells.others, lines), None, of_points.scalars,
-        None if of_cells.scalars is None else of_cells.scalars[lines],
+        name, points, segments, colors, cell_arrays.colors is not None, point_arrays.others,
+        take_rows(cell_arrays.others, lines), None, point_arrays.scalars,
+        None if cell_arrays.scalars is None else cell_arrays.scalars[lines],
     )  # fmt: skip
 
 
 def _make_points(
     what: Any, name: str, points: NDArray[Any], rows: NDArray[np.int64] | None,
-    cells: NDArray[np.int64], of_points: _DataArrays, of_cells: _DataArrays,
+    cells: NDArray[np.int64], point_arrays: _DataArrays, cell_arrays: _DataArrays,
 ) -> Cloud:  # fmt: skip
     """Return all or some points of a surface as a cloud, with the values of their cells."""
     normals = _read_rows(what, "active_normals", 3)
 
-    def picked(values: NDArray[Any] | None, of_cell: NDArray[Any] | None) -> NDArray[Any] | None:
+    def select(values: NDArray[Any] | None, of_cell: NDArray[Any] | None) -> NDArray[Any] | None:
         """Return the values of the shown points, or those of their cells."""
         if values is None:
             return None if of_cell is None or not len(cells) else of_cell[cells]
         return values if rows is None else values[rows]
 
-    positions = picked(points, None)
+    positions = select(points, None)
     assert positions is not None
     return Cloud(
-        name, positions, picked(of_points.colors, of_cells.colors), picked(normals, None),
-        take_rows(of_points.others, rows), None, picked(of_points.scalars, of_cells.scalars),
+        name, positions, select(point_arrays.colors, cell_arrays.colors), select(normals, None),
+        take_rows(point_arrays.others, rows),
+        scalars=select(point_arrays.scalars, cell_arrays.scalars),
     )  # fmt: skip
 
 
@@ -582,7 +590,7 @@ def _convert_legacy(kind: str, what: Any, left_out: LeftOut) -> Geometry:
     if kind == "PointCloud":
         points = np.asarray(what.points)
         return Cloud(
-            "", points, _convert_colors(what.colors, points), _check_length(what.normals, points)
+            "", points, _convert_colors(what.colors, points), _get_if_fits(what.normals, points)
         )
     if kind == "LineSet":
         lines = np.asarray(what.lines).reshape(-1, 2)
@@ -593,7 +601,7 @@ def _convert_legacy(kind: str, what: Any, left_out: LeftOut) -> Geometry:
     if what.has_textures():
         left_out.note("textures of a TriangleMesh")
     faces = np.asarray(what.triangles).reshape(-1, 3)
-    normals = check_normals(vertices, faces, _check_length(what.vertex_normals, vertices))
+    normals = get_usable_normals(vertices, faces, _get_if_fits(what.vertex_normals, vertices))
     return MeshData(
         "", vertices, faces, normals, None, _convert_colors(what.vertex_colors, vertices)
     )
@@ -608,21 +616,21 @@ def _convert_tensors(kind: str, what: Any, left_out: LeftOut) -> Geometry:
     attributes = {name: values for name, values in arrays.items() if name not in _OPEN3D_FIELDS}
     if kind == "PointCloud":
         return Cloud(
-            "", points, _convert_colors(colors, points), _check_length(normals, points), attributes
+            "", points, _convert_colors(colors, points), _get_if_fits(normals, points), attributes
         )
     cells = _get_arrays(what.triangle if kind == "TriangleMesh" else what.line)
     width = 3 if kind == "TriangleMesh" else 2
     rows = cells.get("indices", np.zeros((0, width), np.int64))
-    of_cells = {name: values for name, values in cells.items() if name not in _OPEN3D_FIELDS}
+    cell_arrays = {name: values for name, values in cells.items() if name not in _OPEN3D_FIELDS}
     rgba = _convert_colors(cells.get("colors"), rows)
     by_cell = rgba is not None
     rgba = rgba if by_cell else _convert_colors(colors, points)
     if kind == "LineSet":
-        return LineSet("", points, rows, rgba, by_cell, attributes, of_cells)
+        return LineSet("", points, rows, rgba, by_cell, attributes, cell_arrays)
     if "texture_uvs" in cells:
         left_out.note("textures of a TriangleMesh")
-    normals = check_normals(points, rows, _check_length(normals, points))
-    return MeshData("", points, rows, normals, None, rgba, None, attributes, of_cells)
+    normals = get_usable_normals(points, rows, _get_if_fits(normals, points))
+    return MeshData("", points, rows, normals, None, rgba, None, attributes, cell_arrays)
 
 
 def _get_arrays(tensors: Any) -> dict[str, NDArray[Any]]:
@@ -630,7 +638,7 @@ def _get_arrays(tensors: Any) -> dict[str, NDArray[Any]]:
     return {name: tensors[name].numpy() for name in tensors}
 
 
-def _check_length(values: Any, rows: NDArray[Any]) -> NDArray[Any] | None:
+def _get_if_fits(values: Any, rows: NDArray[Any]) -> NDArray[Any] | None:
     """Return values if there are as many as rows, else None."""
     array = None if values is None else np.asarray(values)
     return array if array is not None and len(array) == len(rows) else None
@@ -638,7 +646,7 @@ def _check_length(values: Any, rows: NDArray[Any]) -> NDArray[Any] | None:
 
 def _convert_colors(values: Any, rows: NDArray[Any]) -> NDArray[np.float32] | None:
     """Return colours, linear RGBA, if there are as many as rows."""
-    array = _check_length(values, rows)
+    array = _get_if_fits(values, rows)
     return None if array is None or not len(array) else srgb_to_rgba(array)
 
 

@@ -252,7 +252,7 @@ class AnimationReader:
 
     Attributes
     ----------
-    required_nodes : set of int
+    joint_or_animated_nodes : set of int
         Numbers of the nodes that must exist even if they show nothing: joints and animated ones.
     animated_nodes : set of int
         Numbers of the nodes that an animation moves.
@@ -261,11 +261,11 @@ class AnimationReader:
     def __init__(self, file: GltfFile, left_out: LeftOut) -> None:
         self._file = file
         self._left_out = left_out
-        self._skins = _get_list(file.header, "skins", left_out)
-        self._animations = _get_list(file.header, "animations", left_out)
+        self._skins = _get_list(file.document, "skins", left_out)
+        self._animations = _get_list(file.document, "animations", left_out)
         self.animated_nodes = self._find_animated_nodes()
         joints = {number for skin in self._skins for number in _get_integers(skin, "joints")}
-        self.required_nodes = self.animated_nodes | joints
+        self.joint_or_animated_nodes = self.animated_nodes | joints
         self._mesh_nodes: list[tuple[dict[str, Any], Node]] = []
         self._parts: dict[int, list[Node]] = {}
         """Nodes that show the mesh of a node of the file, by its number."""
@@ -287,7 +287,7 @@ class AnimationReader:
         nodes : dict of int to Node
             Nodes by their number in the file; joints outside the scene are added.
         """
-        if self._mesh_nodes or self.required_nodes:
+        if self._mesh_nodes or self.joint_or_animated_nodes:
             self._note_cycles()
         skins: dict[Any, Skin | None] = {}
         for entry, node in self._mesh_nodes:
@@ -320,7 +320,8 @@ class AnimationReader:
     def _note_cycles(self) -> None:
         """Note nodes that are their own ancestors; each is used where the walk first meets it."""
         children = [
-            _get_integers(node, "children") for node in _get_list(self._file.header, "nodes", None)
+            _get_integers(node, "children")
+            for node in _get_list(self._file.document, "nodes", None)
         ]
         visited: set[int] = set()
         ancestors: set[int] = set()
@@ -366,7 +367,7 @@ class AnimationReader:
     def _parents(self) -> dict[int, int]:
         """Number of the first parent of each node."""
         parents: dict[int, int] = {}
-        for number, node in enumerate(_get_list(self._file.header, "nodes", None)):
+        for number, node in enumerate(_get_list(self._file.document, "nodes", None)):
             for child in _get_integers(node, "children"):
                 parents.setdefault(child, number)
         return parents
@@ -380,7 +381,7 @@ class AnimationReader:
             joints = get_list(entry, "joints")
             if not joints:
                 raise ValueError("it has no joints")
-            count = len(get_list(self._file.header, "nodes"))
+            count = len(get_list(self._file.document, "nodes"))
             for joint in joints:
                 if get_integer({"joints": joint}, "joints") >= count:
                     raise ValueError(f"joints must be below {count}, got {quote(joint)}")
@@ -505,10 +506,10 @@ class AnimationReader:
         return [Channel(node, path, times[:, 0], shaped, kind) for node in animated]
 
 
-def _get_list(header: dict[str, Any], key: str, left_out: LeftOut | None) -> list[Any]:
-    """Return a list of the header; empty, with a note, if its value is no list."""
+def _get_list(document: dict[str, Any], key: str, left_out: LeftOut | None) -> list[Any]:
+    """Return a list of the document; empty, with a note, if its value is no list."""
     try:
-        return get_list(header, key)
+        return get_list(document, key)
     except ValueError as error:
         if left_out is not None:
             left_out.note(str(error))

@@ -177,13 +177,13 @@ VARIANTS = "KHR_materials_variants"
 _EXTENSIONS = "extensions"
 
 
-def read_variant_names(header: dict[str, Any], left_out: LeftOut) -> list[str | None]:
+def read_variant_names(document: dict[str, Any], left_out: LeftOut) -> list[str | None]:
     """
     Return the names of a file's variants, in its order.
 
     Parameters
     ----------
-    header : dict
+    document : dict
         The JSON of the file.
     left_out : LeftOut
         Notes variants without a name, or with that of an earlier one.
@@ -195,7 +195,7 @@ def read_variant_names(header: dict[str, Any], left_out: LeftOut) -> list[str | 
     """
     names: list[str | None] = []
     try:
-        entries = get_list(get_object(get_object(header, _EXTENSIONS), VARIANTS), "variants")
+        entries = get_list(get_object(get_object(document, _EXTENSIONS), VARIANTS), "variants")
     except ValueError as error:
         left_out.note(f"{VARIANTS}, which cannot be read: {error}")
         return names

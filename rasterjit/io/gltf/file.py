@@ -49,7 +49,7 @@ ENTRY_NAMES = {
     "cameras": "camera", "images": "image", "materials": "material", "meshes": "mesh",
     "nodes": "node", "samplers": "sampler", "skins": "skin", "textures": "texture",
 }  # fmt: skip
-"""Names of the entries of a list of the header, for messages."""
+"""Names of the entries of a list of the document, for messages."""
 
 _MEMORY_PER_JSON_BYTE = 24
 """Bytes of memory for a byte of JSON as Python objects: ``[],`` takes 64."""
@@ -76,7 +76,7 @@ class GltfFile:
 
     Attributes
     ----------
-    header : dict
+    document : dict
         The file's JSON.
     budget : MemoryBudget
         Counts the memory of what is read.
@@ -101,7 +101,7 @@ class GltfFile:
         text, self._chunk = _split_chunks(content)
         self.budget.take("its JSON", len(text) * _MEMORY_PER_JSON_BYTE)
         try:
-            self.header: dict[str, Any] = json.loads(text)
+            self.document: dict[str, Any] = json.loads(text)
         except ValueError as error:
             if path.suffix.lower() == ".glb" and not content.startswith(GLB_MAGIC):
                 begin = content[: len(GLB_MAGIC)]
@@ -109,20 +109,20 @@ class GltfFile:
                     f"it is no GLB, which begins with {GLB_MAGIC!r}, got {begin!r}"
                 ) from None
             raise ValueError(f"its JSON is damaged or ends too early: {error}") from None
-        if not isinstance(self.header, dict):
+        if not isinstance(self.document, dict):
             raise ValueError("the JSON is not an object")
-        asset = get_object(self.header, "asset")
+        asset = get_object(self.document, "asset")
         version = str(asset.get("version", "2.0"))
         if version.split(".")[0] != "2":
             raise ValueError(f"it is of glTF {version[:MAX_VALUE_LENGTH]}, not 2.0")
         min_version = str(asset.get("minVersion", "2.0"))
         if min_version != "2.0":
             raise ValueError(f"it needs a reader of glTF {min_version[:MAX_VALUE_LENGTH]}, not 2.0")
-        self.required = frozenset(map(str, get_list(self.header, "extensionsRequired")))
+        self.required = frozenset(map(str, get_list(self.document, "extensionsRequired")))
 
     def get_entry(self, section: str, number: Any) -> dict[str, Any]:
         """
-        Return an entry of a list of the header.
+        Return an entry of a list of the document.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class GltfFile:
         ValueError
             If it is no object, or the list no list.
         """
-        entries = get_list(self.header, section)
+        entries = get_list(self.document, section)
         kind = ENTRY_NAMES.get(section, section)
         if type(number) is not int or not 0 <= number < len(entries):
             raise LookupError(f"the file has no {kind} {quote(number)} (it has {len(entries)})")

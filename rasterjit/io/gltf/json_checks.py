@@ -1,5 +1,5 @@
 """
-Read values of glTF's JSON: what is not of the kind that it must be is named by its key.
+Read values of glTF's JSON; errors name the key of a value of the wrong kind.
 
 ``null`` counts as what is not there where objects and lists are expected.
 """
@@ -42,7 +42,7 @@ def get_object(values: dict[str, Any], key: str) -> dict[str, Any]:
 
 
 def get_extension(values: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return an extension's object of an entry, empty if it is missing, or raise ``ValueError``."""
+    """Return the object of one extension of an entry, empty if missing, or raise ``ValueError``."""
     return get_object(get_object(values, "extensions"), name) if "extensions" in values else {}
 
 
@@ -63,13 +63,13 @@ def get_integer(values: dict[str, Any], key: str, default: int | None = None) ->
 
 
 def get_clamped(
-    values: dict[str, Any], key: str, default: float, limit: float, minimum: float = 0.0
+    values: dict[str, Any], key: str, default: float, maximum: float, minimum: float = 0.0
 ) -> float:
-    """Return a number clamped to its range, or raise ``ValueError`` if it is none."""
+    """Return a number clamped to its range, or raise ``ValueError`` if it is no number."""
     value = values.get(key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
         raise ValueError(f"{key} must be a number, got {quote(value)}")
-    return float(min(max(value, minimum), limit))
+    return float(min(max(value, minimum), maximum))
 
 
 def get_number(values: dict[str, Any], key: str, default: float | None = None) -> float:
@@ -94,13 +94,13 @@ def get_numbers(values: dict[str, Any], key: str, default: tuple[float, ...]) ->
 
 
 def get_clamped_numbers(
-    values: dict[str, Any], key: str, default: tuple[float, ...], limit: float
+    values: dict[str, Any], key: str, default: tuple[float, ...], maximum: float
 ) -> tuple[float, ...]:
-    """Return a tuple of numbers as long as the default, clamped to 0..limit."""
+    """Return a tuple of numbers as long as the default, clamped to 0..maximum."""
     value = values.get(key, default)
     if not isinstance(value, (list, tuple)) or len(value) != len(default):
         raise ValueError(f"{key} must be {len(default)} numbers, got {quote(value)}")
-    return tuple(get_clamped({key: part}, key, 0.0, limit) for part in value)
+    return tuple(get_clamped({key: part}, key, 0.0, maximum) for part in value)
 
 
 def are_numbers(values: Sequence[Any]) -> bool:

@@ -318,7 +318,7 @@ class MeshReader:
         self._meshes: dict[Any, list[Mesh]] = {}
         self._untextured: dict[tuple[Material, tuple[str, ...]], Material] = {}
         self._remapped: dict[tuple[Material, tuple[int, ...]], Material] = {}
-        self._variant_names = read_variant_names(file.header, self._left_out)
+        self._variant_names = read_variant_names(file.document, self._left_out)
 
     @property
     def variants(self) -> tuple[str, ...]:

@@ -64,7 +64,7 @@ _TRS_WIDTHS = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}
 
 def read_instances(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]] | None:
     """
-    Return the transforms of a node's instances as entries of nodes; None without instances.
+    Return each instance's transform, as a dict like a node's entry; None without instances.
 
     Parameters
     ----------
@@ -85,19 +85,21 @@ def read_instances(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]]
     extensions = get_object(node, "extensions")
     if INSTANCING not in extensions:
         return None
-    numbers = get_object(get_object(extensions, INSTANCING), "attributes")
-    rows = {
-        name: file.read_array(number) for name, number in numbers.items() if name in _TRS_WIDTHS
+    accessor_by_name = get_object(get_object(extensions, INSTANCING), "attributes")
+    arrays = {
+        name: file.read_array(number)
+        for name, number in accessor_by_name.items()
+        if name in _TRS_WIDTHS
     }
-    counts = {name: len(values) for name, values in rows.items()}
+    counts = {name: len(values) for name, values in arrays.items()}
     if len(set(counts.values())) != 1:
         raise ValueError(f"attributes must be of one length, got {counts or 'none'}")
-    for name, values in rows.items():
+    for name, values in arrays.items():
         if values.shape[1] != _TRS_WIDTHS[name]:
             raise ValueError(f"{name} must be {_TRS_WIDTHS[name]} numbers, got {values.shape[1]}")
     count = next(iter(counts.values()))
     file.budget.take("instances", count * MEMORY_PER_NODE)
-    listed = {name.lower(): values.astype(np.float64).tolist() for name, values in rows.items()}
+    listed = {name.lower(): values.astype(np.float64).tolist() for name, values in arrays.items()}
     return [{name: values[number] for name, values in listed.items()} for number in range(count)]
 
 
@@ -105,11 +107,11 @@ GLTF_FORMATS = ("gltf", "glb", "vrm")
 """Extensions of glTF files; a .vrm is a GLB file of an avatar."""
 
 
-_HEADER_KEYS = {
+_DOCUMENT_KEYS = {
     *ENTRY_NAMES, "animations", "asset", "extensions", "extensionsRequired", "extensionsUsed",
     "extras", "scene", "scenes",
 }  # fmt: skip
-"""Keys of the header that the standard defines."""
+"""Keys of the document that the standard defines."""
 
 _READ_ATTRIBUTE = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|(?:TEXCOORD|JOINTS|WEIGHTS)_\d+|_.*")
 """Names of vertex attributes that are read."""
@@ -117,7 +119,7 @@ _READ_ATTRIBUTE = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|(?:TEXCOORD|JOINT
 
 def load_gltf(path: Path, resources: Resources, context: Context) -> Scene:
     """
-    Read a ``.gltf`` or ``.glb`` file.
+    Read a glTF file (`GLTF_FORMATS`).
 
     Parameters
     ----------
@@ -150,7 +152,7 @@ class _GltfScene:
         self._file = file
         self._source, self._left_out = context.source, context.left_out
         self._meshes = MeshReader(file, MaterialReader(file, self._left_out), context)
-        self.scene.name_variants(self._meshes.variants)
+        self.scene.set_file_variants(self._meshes.variants)
         self._check_required_extensions()
         self._note_unread()
         self._nodes: dict[int, Node] = {}
@@ -158,7 +160,7 @@ class _GltfScene:
         self._world_transforms: dict[int, tuple[list[list[float]], bool]] = {}
         """Rows of ``world_from_node`` by number, and whether an animation moves the node."""
         self._animations = AnimationReader(file, self._left_out)
-        for file_node in walk_nodes(file.header):
+        for file_node in walk_nodes(file.document):
             try:
                 self._add_node(file_node)
             except MeshFileError:
@@ -177,7 +179,7 @@ class _GltfScene:
 
     def _check_required_extensions(self) -> None:
         """Raise `MeshFileError` if the file requires an extension that is not supported."""
-        required = dict.fromkeys(map(str, get_list(self._file.header, "extensionsRequired")))
+        required = dict.fromkeys(map(str, get_list(self._file.document, "extensionsRequired")))
         unknown = [name for name in required if name not in SUPPORTED_EXTENSIONS]
         if unknown:
             raise MeshFileError(
@@ -191,24 +193,24 @@ class _GltfScene:
                 raise MeshFileError(f"{self._source}: {error}") from None
 
     def _note_unread(self) -> None:
-        """Note the extensions, attributes, header keys and scenes that are not read."""
-        header = self._file.header
-        for name, count in count_extensions(header).items():
+        """Note the extensions, attributes, document keys and scenes that are not read."""
+        document = self._file.document
+        for name, count in count_extensions(document).items():
             if name not in SUPPORTED_EXTENSIONS:
                 self._left_out.note(f"extension {name[:80]}", count)
-        for key in header.keys() - _HEADER_KEYS:
+        for key in document.keys() - _DOCUMENT_KEYS:
             self._left_out.note(f"entry {brief(key)}")
-        for name in _iterate_attribute_names(header):
+        for name in _iterate_attribute_names(document):
             if not _READ_ATTRIBUTE.fullmatch(name):
                 self._left_out.note(f"attribute {brief(name)}")
-        default = header.get("scene", 0)
-        for number, scene in enumerate(get_list(header, "scenes")):
+        default = document.get("scene", 0)
+        for number, scene in enumerate(get_list(document, "scenes")):
             if number != default and scene != {}:
                 called = scene.get("name", number) if isinstance(scene, dict) else number
                 self._left_out.note(f"scene {brief(called)}", reason=" beside the one shown")
 
     def _add_node(self, file_node: FileNode) -> None:
-        """Add the camera, light and meshes of a node."""
+        """Add the camera, light and meshes of a node; make joints and moving nodes anyway."""
         if "camera" in file_node.entry:
             world_from_node = self._compute_world_transform(file_node, "camera")
             self._add_camera(file_node.entry["camera"], world_from_node)
@@ -217,8 +219,8 @@ class _GltfScene:
             self._add_light(light, self._compute_world_transform(file_node, "light"))
         if "mesh" in file_node.entry and not file_node.is_hidden:
             self._add_meshes(file_node)
-        if file_node.number in self._animations.required_nodes:
-            self._get_group(file_node)
+        if file_node.number in self._animations.joint_or_animated_nodes:
+            self._get_or_make_node(file_node)
         if file_node.number in self._animations.animated_nodes and "matrix" not in file_node.entry:
             self._nodes[file_node.number]._trs = read_trs(file_node.entry)
 
@@ -241,7 +243,7 @@ class _GltfScene:
         return np.array(rows)
 
     def _add_meshes(self, file_node: FileNode) -> None:
-        """Add the mesh of a node, a node for each primitive, or its instances."""
+        """Add a node for each primitive of a node's mesh, or for each of its instances."""
         instances = self._try_read_instances(file_node)
         if instances is not None:
             self._add_instances(file_node, instances)
@@ -252,7 +254,7 @@ class _GltfScene:
                 node = self.scene.add(mesh, None, label, parent=self._nodes[file_node.number])
                 self._animations.add_mesh_node(file_node.number, file_node.entry, node)
                 continue
-            parent = self._get_parent_group(file_node)
+            parent = self._get_or_make_parent(file_node)
             with self._name_node_in_errors(label):
                 node = self.scene.add(
                     mesh, np.array(file_node.parent_from_node), label, parent=parent
@@ -274,7 +276,7 @@ class _GltfScene:
         meshes = self._meshes.read(file_node.entry["mesh"])
         if not meshes or not instances:
             return
-        parent = self._get_parent_group(file_node)
+        parent = self._get_or_make_parent(file_node)
         with self._name_node_in_errors(file_node.name):
             group = Node(None, file_node.parent_from_node, file_node.name, parent=parent)
             if parent is None:
@@ -287,18 +289,18 @@ class _GltfScene:
                     self.scene.add(mesh, np.array(node_from_instance), label, parent=group)
 
     @contextmanager
-    def _name_node_in_errors(self, node: str) -> Iterator[None]:
+    def _name_node_in_errors(self, node_name: str) -> Iterator[None]:
         """Let errors name the file and a node."""
         try:
             yield
         except ValueError as error:
-            raise MeshFileError(f"{self._source}: node {node!r}: {error}") from error
+            raise MeshFileError(f"{self._source}: node {node_name!r}: {error}") from error
 
-    def _get_parent_group(self, file_node: FileNode) -> Node | None:
+    def _get_or_make_parent(self, file_node: FileNode) -> Node | None:
         """Return the parent of a file's node, made if it does not exist; None for a root."""
-        return None if file_node.parent is None else self._get_group(file_node.parent)
+        return None if file_node.parent is None else self._get_or_make_node(file_node.parent)
 
-    def _get_group(self, file_node: FileNode) -> Node:
+    def _get_or_make_node(self, file_node: FileNode) -> Node:
         """Return the scene's node of a file's node, made with its ancestors if it is missing."""
         if file_node.number in self._nodes:
             return self._nodes[file_node.number]
@@ -347,7 +349,7 @@ class _GltfScene:
         """
         position, direction = world_from_node[:3, 3], -world_from_node[:3, 2]
         try:
-            extension = get_object(get_object(self._file.header, "extensions"), LIGHTS)
+            extension = get_object(get_object(self._file.document, "extensions"), LIGHTS)
             lights = get_list(extension, "lights")
             if type(number) is not int or not 0 <= number < len(lights):
                 raise LookupError(f"the file has {len(lights)} lights")
@@ -372,24 +374,24 @@ class _GltfScene:
             self._left_out.note(f"light {quote(number)}, which cannot be used: {reason_of(error)}")
 
 
-def _iterate_attribute_names(header: dict[str, Any]) -> Iterator[str]:
+def _iterate_attribute_names(document: dict[str, Any]) -> Iterator[str]:
     """Yield the attribute names of all primitives; damaged entries are skipped."""
-    for mesh in get_list(header, "meshes"):
+    for mesh in get_list(document, "meshes"):
         primitives = mesh.get("primitives") if isinstance(mesh, dict) else None
         for primitive in primitives if isinstance(primitives, list) else ():
             attributes = primitive.get("attributes") if isinstance(primitive, dict) else None
             yield from attributes if isinstance(attributes, dict) else ()
 
 
-def count_extensions(header: dict[str, Any]) -> dict[str, int]:
+def count_extensions(document: dict[str, Any]) -> dict[str, int]:
     """Count the uses of each extension; 1 for one that is only declared."""
     counts: Counter[str] = Counter()
-    pending: list[Any] = [header]
+    pending: list[Any] = [document]
     while pending:
         one = pending.pop()
         if isinstance(one, dict):
             used = one.get("extensions")
-            counts.update(map(str, used) if isinstance(used, dict) and one is not header else ())
+            counts.update(map(str, used) if isinstance(used, dict) and one is not document else ())
             pending += [
                 value
                 for key, value in one.items()
@@ -397,7 +399,7 @@ def count_extensions(header: dict[str, Any]) -> dict[str, int]:
             ]
         else:
             pending += [value for value in one if isinstance(value, (dict, list))]
-    declared = [*get_list(header, "extensionsUsed"), *get_object(header, "extensions")]
+    declared = [*get_list(document, "extensionsUsed"), *get_object(document, "extensions")]
     return {**dict.fromkeys(map(str, declared), 1), **counts}
 
 
@@ -426,7 +428,7 @@ class FileNode(NamedTuple):
         return str(self.entry.get("name", self.number))
 
 
-def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
+def walk_nodes(document: dict[str, Any]) -> Iterator[FileNode]:
     """
     Yield every node of the file's scene, each before those below it.
 
@@ -435,17 +437,19 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
     ValueError
         Naming the node, the key and the value that is not of the kind that it must be.
     """
-    nodes, scenes = get_list(header, "nodes"), get_list(header, "scenes")
+    nodes, scenes = get_list(document, "nodes"), get_list(document, "scenes")
     if scenes:
-        number = get_integer(header, "scene", 0)
+        number = get_integer(document, "scene", 0)
         if number >= len(scenes):
             raise ValueError(f"scene must be below {len(scenes)}, got {quote(number)}")
         roots = _read_node_numbers({"its scene": scenes[number]}, "its scene", "nodes", nodes)
     else:
         # A file without scenes is shown whole.
-        table = {f"node {number}": node for number, node in enumerate(nodes)}
+        entries = {f"node {number}": node for number, node in enumerate(nodes)}
         inner = {
-            child for name in table for child in _read_node_numbers(table, name, "children", nodes)
+            child
+            for name in entries
+            for child in _read_node_numbers(entries, name, "children", nodes)
         }
         roots = [number for number in range(len(nodes)) if number not in inner]
     pending: list[tuple[int, FileNode | None]] = [(number, None) for number in reversed(roots)]
@@ -472,9 +476,9 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
         pending += [(child, file_node) for child in reversed(children)]
 
 
-def _read_node_numbers(table: dict[str, Any], name: str, key: str, nodes: list[Any]) -> list[int]:
+def _read_node_numbers(entries: dict[str, Any], name: str, key: str, nodes: list[Any]) -> list[int]:
     """Return the node numbers that an entry lists, or raise ``ValueError`` naming the entry."""
-    entry = get_object(table, name)
+    entry = get_object(entries, name)
     if key not in entry:
         return []
     try:

@@ -140,7 +140,7 @@ def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
 
 
 class _Writer:
-    """Builds a file's header and buffer from a scene; ``notes`` names what it cannot hold."""
+    """Builds a file's document and buffer from a scene; ``notes`` names what it cannot hold."""
 
     def __init__(self, scene: Scene) -> None:
         self.notes = SaveNotes("glTF")
@@ -167,8 +167,8 @@ class _Writer:
             self.notes.note(f"the choice of the variant {scene.variant!r}")
 
     def _make_header(self, **buffer: Any) -> dict[str, Any]:
-        """Return the JSON header; ``buffer``: further fields of its buffer."""
-        header: dict[str, Any] = {
+        """Return the JSON document; ``buffer``: further fields of its buffer."""
+        document: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": "RasterJIT"},
             "scene": 0,
             "scenes": [self._scene],
@@ -178,12 +178,12 @@ class _Writer:
         if self._variants:
             self._declare_extension(VARIANTS)
             variants = [{"name": name} for name in self._variants]
-            header["extensions"] = {VARIANTS: {"variants": variants}}
+            document["extensions"] = {VARIANTS: {"variants": variants}}
         if self._lights:
-            header.setdefault("extensions", {})[LIGHTS] = {"lights": self._lights}
+            document.setdefault("extensions", {})[LIGHTS] = {"lights": self._lights}
         if self._extensions:
-            header["extensionsUsed"] = self._extensions
-        return header
+            document["extensionsUsed"] = self._extensions
+        return document
 
     def encode_gltf(self) -> bytes:
         """Return the content of a .gltf file with its buffer as a data URI."""
@@ -201,7 +201,7 @@ class _Writer:
         return struct.pack("<4sII", GLB_MAGIC, 2, 12 + len(chunks)) + chunks
 
     def _append(self, section: str, entry: dict[str, Any]) -> int:
-        """Append an entry to a list of the header; return its number."""
+        """Append an entry to a list of the document; return its number."""
         entries = self._sections.setdefault(section, [])
         entries.append(entry)
         return len(entries) - 1
@@ -792,9 +792,9 @@ def _flatten_columns(matrix: NDArray[np.float64]) -> list[float]:
     return matrix.T.ravel().tolist()
 
 
-def _encode_json(header: dict[str, Any]) -> bytes:
-    """Return a header as JSON in UTF-8."""
-    return json.dumps(header, separators=(",", ":"), allow_nan=False).encode("utf-8")
+def _encode_json(document: dict[str, Any]) -> bytes:
+    """Return a document as JSON in UTF-8."""
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).encode("utf-8")
 
 
 def _pad(content: bytes, filler: bytes) -> bytes:
