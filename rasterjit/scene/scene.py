@@ -223,7 +223,7 @@ class Scene(Guarded, PicturePreview):
             Default: the identity, or that of the `Node`.
         name : str, optional
             Default: ``"object <number>"``, as many as there are and have been removed; that of the
-            `Node`; none of a label, and of a scene unless it is one mesh with the identity.
+            `Node`; of a label, and of a scene but one mesh with the identity as transform, none.
         parent : Node, optional
             One of the scene's, with or without a mesh, that it moves with.
 

@@ -115,7 +115,7 @@ def test_a_bad_transform_is_refused_by_name(matrix, message):
 
 
 def test_only_meshes_can_be_added():
-    with pytest.raises(ValueError, match=r"must be a rasterjit Mesh, Node or Scene, .* got list"):
+    with pytest.raises(ValueError, match=r"rasterjit Mesh, Label, Node or Scene, .* got list"):
         Scene().add([1, 2, 3])
 
 
