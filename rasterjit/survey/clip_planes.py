@@ -368,10 +368,10 @@ def _find_sphere_depths(
             widened = dot_planes(widened, matrix) + widened[:, 3:] * (0.0, 0.0, 0.0, 1.0)
             nearest, farthest = math.inf, -math.inf
             cosine = _compute_min_cosine(rows)
-            blocks = _find_blocks_outside(mesh, widened, safe_depths)
+            box_numbers = _find_boxes_outside(mesh, widened, safe_depths)
             count = VERTICES_PER_CHUNK // depth_range.FACES_PER_BOX
-            for first in range(0, len(blocks), count):
-                starts = blocks[first : first + count, np.newaxis] * depth_range.FACES_PER_BOX
+            for first in range(0, len(box_numbers), count):
+                starts = box_numbers[first : first + count, np.newaxis] * depth_range.FACES_PER_BOX
                 indices = (starts + np.arange(depth_range.FACES_PER_BOX)).ravel()
                 indices = indices[indices < len(mesh)]
                 distances = dot_planes(widened, mesh.vertices[indices].T) + widened[:, 3:]
@@ -486,10 +486,10 @@ def _find_mesh_depths(
     cached = cache.get(key)
     if cached is None:
         result = np.array(EMPTY_RANGE)
-        blocks = _find_blocks_outside(mesh, rows, planes)
-        if len(blocks):
+        box_numbers = _find_boxes_outside(mesh, rows, planes)
+        if len(box_numbers):
             depth_range.find_visible_depths(
-                writable(mesh.vertices), writable(mesh.faces), blocks, rows, planes,
+                writable(mesh.vertices), writable(mesh.faces), box_numbers, rows, planes,
                 CORNERS[mesh.primitive], result, np.empty((8, 4)),
             )  # fmt: skip
         if len(cache) >= MAX_CACHED:
@@ -511,13 +511,13 @@ def _is_between(
     return depth - radius >= planes[0] and depth + radius <= planes[1]
 
 
-def _find_blocks_outside(
+def _find_boxes_outside(
     mesh: Mesh, rows: Float64, planes: tuple[float, float]
 ) -> NDArray[np.int64]:
-    """Return the blocks of faces that may be visible outside the planes, by rows in model space."""
+    """Return the boxes of faces that may be visible outside the planes, by rows in model space."""
     if len(mesh.faces) <= MAX_UNBOXED:
         return np.arange(-(-len(mesh.faces) // depth_range.FACES_PER_BOX))
-    boxes = _box_face_blocks(mesh)
+    boxes = _bound_face_boxes(mesh)
     with np.errstate(all="ignore"):
         centers = dot_planes(rows, boxes.middle) + rows[:, 3:]
         half_ranges = dot_planes(np.abs(rows), boxes.half)
@@ -540,7 +540,7 @@ class _MeshSphere(NamedTuple):
     radius: float
 
 
-class _FaceBlockBoxes(NamedTuple):
+class _FaceBoxes(NamedTuple):
     """Boxes around the faces of a mesh, model space."""
 
     middle: Float64
@@ -553,7 +553,7 @@ _range_cache: WeakKeyDictionary[Mesh, dict[tuple[bytes, tuple[float, float]], De
     WeakKeyDictionary()
 )
 _spheres: WeakKeyDictionary[Mesh, _MeshSphere] = WeakKeyDictionary()
-_face_boxes: WeakKeyDictionary[Mesh, _FaceBlockBoxes] = WeakKeyDictionary()
+_face_boxes: WeakKeyDictionary[Mesh, _FaceBoxes] = WeakKeyDictionary()
 
 
 def _find_bounding_sphere(mesh: Mesh) -> _MeshSphere:
@@ -573,13 +573,13 @@ def _find_bounding_sphere(mesh: Mesh) -> _MeshSphere:
     return sphere
 
 
-def _box_face_blocks(mesh: Mesh) -> _FaceBlockBoxes:
-    """Return the boxes around blocks of faces of a mesh, cached."""
+def _bound_face_boxes(mesh: Mesh) -> _FaceBoxes:
+    """Return the bounding boxes of faces of a mesh, cached."""
     boxes = _face_boxes.get(mesh)
     if boxes is None:
         low, high = np.empty((2, 3, -(-len(mesh.faces) // depth_range.FACES_PER_BOX)))
         depth_range.bound_faces(writable(mesh.vertices), writable(mesh.faces), low, high)
-        boxes = _FaceBlockBoxes(low / 2.0 + high / 2.0, high / 2.0 - low / 2.0)
+        boxes = _FaceBoxes(low / 2.0 + high / 2.0, high / 2.0 - low / 2.0)
         _face_boxes[mesh] = boxes
     return boxes
 
