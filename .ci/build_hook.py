@@ -2,7 +2,7 @@
 Put LLVM's text of kernels into the source distribution, and platform wheels beside the pure one.
 
 ``RASTERJIT_PLATFORMS`` names the platforms (``rasterjit/runtime/targets.py``), with commas between
-them; ``none`` makes no text and the pure wheel alone. If it is not set, a source distribution gets
+them; ``none`` makes no text, and the pure wheel alone. If it is not set, a source distribution gets
 the text for all platforms, and ``python -m build``, which builds wheels from that, makes those of
 all. pip gets the pure wheel, whatever is set; other installers are not told from builders.
 """

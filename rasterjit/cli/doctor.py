@@ -134,13 +134,11 @@ def _check_prebuilt_kernels() -> Iterator[Finding]:
     if library is not None:
         yield _describe_shipped("code", library.target.cpu, library.index, library.path)
     elif store.has_linker():
-        try:
-            texts = prebuilt_kernels.find_texts()
-        except prebuilt_kernels.UnusableError as error:
-            yield Finding("shipped text", str(error), False)
-        else:
-            if texts is not None:
-                yield _describe_shipped("text", texts.cpu, texts.index, texts.path)
+        lowered, problem = prebuilt_kernels.find_texts()
+        if problem is not None:
+            yield Finding("shipped text", problem, False)
+        if lowered is not None:
+            yield _describe_shipped("text", lowered.cpu, lowered.index, lowered.path)
 
 
 def _describe_shipped(what: str, cpu: str, index: prebuilt_kernels.Index, path: Path) -> Finding:

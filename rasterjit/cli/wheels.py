@@ -34,7 +34,7 @@ from rasterjit.io.atomic_write import atomic_file
 from rasterjit.runtime import background_compile, jit, prebuilt_kernels, store
 from rasterjit.runtime.background_compile import Task
 from rasterjit.runtime.prebuilt_kernels import Index
-from rasterjit.runtime.targets import PLATFORMS, Platform, Target, split_triple
+from rasterjit.runtime.targets import LEVELS, PLATFORMS, Platform, Target, split_triple
 
 HERE = "rasterjit.cli.wheels"
 """This module's name, also when it runs as ``__main__``."""
@@ -78,7 +78,9 @@ def compile_for(
         )
         returns, text = shared_libraries.optimized_text(function, kind, symbol, target)
         path.with_suffix(RESULT).write_text(returns)
-        path.write_text(text)
+        # Whole or not at all: who finds it does not compile.
+        path.with_suffix(".part").write_text(text)
+        path.with_suffix(".part").replace(path)
     for folder, target in targets:
         code = shared_libraries.object_code(path.read_text(), symbol, Target(*target))
         Path(folder, symbol + shared_libraries.OBJECT).write_bytes(code)
@@ -218,13 +220,16 @@ def text_files_of(platforms: Sequence[Platform]) -> dict[str, bytes]:
     Exception
         What could not be compiled.
     """
+    from llvmlite import binding
+
     files, texts, forms = {}, [], {}
     with tempfile.TemporaryDirectory(prefix="rasterjit-") as place:
         for (kind, cpu), level in compile_all(platforms, Path(place), is_text_alone=True).items():
             name, forms = f"{cpu}.ll.xz", level.forms()
             files[name] = prebuilt_kernels.pack_texts(level.texts())
-            texts.append([name, hashlib.sha256(files[name]).hexdigest(), kind, cpu])
-    return {**files, **_index_file([], forms, texts)}
+            checksum = hashlib.sha256(files[name]).hexdigest()
+            texts.append([name, checksum, kind, cpu, str(binding.llvm_version_info[0])])
+    return {**files, **_index_file([], forms, sorted(texts))}
 
 
 def shipped_texts() -> dict[tuple[str, str], dict[str, tuple[str, str]]]:
@@ -244,7 +249,7 @@ def shipped_texts() -> dict[tuple[str, str], dict[str, tuple[str, str]]]:
     if (index.made_with, index.sources) != (made_with(), sources()):
         return {}
     found = {}
-    for name, checksum, kind, cpu in index.texts:
+    for name, checksum, kind, cpu, _ in index.texts:
         texts = prebuilt_kernels.read_texts(folder / name, checksum)
         found[kind, cpu] = {one: (index.forms[one], text) for one, text in texts.items()}
     return found
@@ -325,8 +330,14 @@ def check() -> bool:
         triples = {Target(*target).triple for _, _, *target in index.libraries}
         platforms = [one for one in PLATFORMS.values() if {one.triple} == triples]
     else:
-        kinds = {kind for _, _, kind, _ in index.texts}
-        platforms = [PLATFORMS[kind] for kind in sorted(kinds) if kind in PLATFORMS]
+        made_for = {(kind, cpu) for _, _, kind, cpu, _ in index.texts}
+        platforms = [
+            PLATFORMS[kind]._replace(
+                levels=tuple(one for one in levels if (kind, one.cpu) in made_for)
+            )
+            for kind, levels in LEVELS.items()
+            if any(kind == made for made, _ in made_for)
+        ]
         triples = {one.triple for one in platforms}
     if not platforms:
         known = sorted(one.triple for one in PLATFORMS.values())

@@ -320,7 +320,7 @@ class PyrenderObjects(NamedTuple):
     gains: Any = None
     """(O, 6) float32: factors on base colours and on those of vertices | None -> all are 1."""
     maps: Any = ()
-    """Of each light with a shadow map: its row, ``view_of_light`` and the map, see
+    """Of each light with a shadow map: its row, ``pack_light_view`` and the map, see
     ``lighting.pyrender``."""
 
 

@@ -689,7 +689,9 @@ class CommandBuffer:
     def _add_copy(self, name: str, picture: NDArray[Any]) -> None:
         """Record the copy of an output into the batched array; it must have as many bytes."""
         shape, dtype = find_array_spec(name, self._plan.size, self._plan.facts.attributes)
-        if picture.nbytes != math.prod(shape) * np.dtype(dtype).itemsize:
+        # Codes of colours are packed in words.
+        is_same_type = picture.dtype == dtype or name == "color"
+        if not is_same_type or picture.nbytes != math.prod(shape) * np.dtype(dtype).itemsize:
             raise RuntimeError(
                 f"the output {name!r} must be {dtype} of shape {shape}, but its kernel fills "
                 f"{picture.dtype} of shape {picture.shape}"

@@ -60,7 +60,7 @@ class RegionRenderer:
     ------
     ValueError
         Naming the argument that is wrong, or the effect that looks beyond the edges of a region
-        (`LooksAround`).
+        (`ScreenEffect`).
     """
 
     def __init__(

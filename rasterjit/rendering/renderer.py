@@ -506,8 +506,8 @@ class Renderer(Guarded):
     quality : Quality, optional
         Default ``Quality.standard()``.
     threads : int, optional
-        Default: all processors this process may run on. With 1, no second process compiles what is
-        missing.
+        Default: all processors this process may run on (of Macs, the fast ones). With 1, no second
+        process compiles what is missing.
 
     Attributes
     ----------

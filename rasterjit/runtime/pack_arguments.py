@@ -52,7 +52,7 @@ def pack(arguments, plan, state):
     plan : int
         Address of the type object of arrays, the function that reads an int, the items that the
         tuple must have, the layout of objects, the code to call or 0, the functions that release
-        and take Python's lock, then instructions (`plan_of`).
+        and take Python's lock, then instructions (`make_plan`).
     state : int
         Address of the block, written. Its first word becomes what the kernel returned.
 

@@ -9,7 +9,7 @@ its SHA-256 is compared before, by the file ``index``, which ``cli.wheels`` writ
     SHA-256 of what follows
     {"made_with": what compiled it, "sources": files and a hash over them,
      "libraries": [[file, SHA-256, triple, CPU, features], ...], the best level first,
-     "texts": [[file, SHA-256, kind of CPU, CPU], ...],
+     "texts": [[file, SHA-256, kind of CPU, CPU, LLVM's version], ...],
      "forms": {symbol: result, ...}}
 
 The source distribution and the pure wheel bring LLVM's text instead, optimized for each level. The
@@ -29,7 +29,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rasterjit.runtime.targets import Target, find_host_level, requested_cpu_name
+from rasterjit.runtime.targets import Target, find_host_levels, requested_cpu_name
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -59,7 +59,7 @@ class Index(NamedTuple):
     forms: dict[str, str]
     """The result of each form (``store.RETURNS``), by its symbol."""
     texts: list[list[str]]
-    """File, SHA-256, kind of CPU and level of each, as `find_host_level` names them."""
+    """File, SHA-256, kind of CPU, level and LLVM's major version of each (`find_host_levels`)."""
 
 
 class Library(NamedTuple):
@@ -106,7 +106,7 @@ def read_index(path: Path) -> Index:
 
     Raises
     ------
-    UnfitError
+    UnusableError
         It is damaged, or has other fields.
     OSError
         It cannot be read, or is missing.
@@ -120,8 +120,9 @@ def read_index(path: Path) -> Index:
         for name, _, *target in index.libraries:
             FOLDER.joinpath(name)
             Target(*target)
-        for name, _, _, _ in index.texts:
+        for name, _, _, _, llvm in index.texts:
             FOLDER.joinpath(name)
+            int(llvm)
         ROOT.joinpath(*index.sources["files"])
         str(index.sources["hash"])
         dict(index.forms)
@@ -136,7 +137,7 @@ def open_library(path: Path, checksum: str) -> Any:
 
     Raises
     ------
-    UnfitError
+    UnusableError
         It is damaged.
     OSError
         It cannot be opened, or is missing.
@@ -204,27 +205,45 @@ class LoweredKernels(NamedTuple):
     """By symbol."""
 
 
-@functools.cache
-def find_texts() -> LoweredKernels | None:
-    """
-    Find the prebuilt LLVM text for this CPU; None if none came.
+class TextSearch(NamedTuple):
+    """LLVM's text for this CPU, or the reason why there is none."""
 
-    Raises
-    ------
-    UnusableError
-        It is damaged, missing or cannot be read.
+    lowered: LoweredKernels | None
+    problem: str | None
+    """Why there is no text, or that of a better level was passed over; with the remedy."""
+
+
+@functools.cache
+def find_texts() -> TextSearch:
     """
-    index, host_level = _try_read_index()[0], find_host_level()
-    if index is None or host_level is None:
-        return None
-    for name, checksum, kind, cpu in index.texts:
-        if (kind, cpu) == (host_level[0], host_level[1].cpu):
+    Find the prebuilt LLVM text of the best level that this CPU has.
+
+    Text that is damaged or missing is passed over. Text of a newer LLVM is not used.
+    """
+    index = _try_read_index()[0]
+    if index is None or not index.texts:
+        return TextSearch(None, None)
+    from llvmlite import binding
+
+    kind, levels = find_host_levels()
+    problem = None
+    for level in levels:
+        for name, checksum, text_kind, cpu, llvm in index.texts:
+            if (text_kind, cpu) != (kind, level.cpu):
+                continue
             path = FOLDER / name
+            if int(llvm) > binding.llvm_version_info[0]:
+                here = binding.llvm_version_info[0]
+                return TextSearch(None, f"{path} was made by LLVM {llvm}, and here is LLVM {here}")
             try:
-                return LoweredKernels(path, cpu, index, read_texts(path, checksum))
-            except (ImportError, OSError) as error:
-                raise UnusableError(f"{path}: {error}; {REINSTALL}") from error
-    return None
+                return TextSearch(
+                    LoweredKernels(path, cpu, index, read_texts(path, checksum)), problem
+                )
+            except (UnusableError, OSError) as error:
+                problem = problem or _describe_problem(error, path)
+            except ImportError as error:
+                return TextSearch(None, f"{path}: {error}")
+    return TextSearch(None, problem)
 
 
 def pack_texts(texts: dict[str, str]) -> bytes:
@@ -251,7 +270,7 @@ def read_texts(path: Path, checksum: str) -> dict[str, str]:
 
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != checksum:
-        raise UnusableError(f"{path} is damaged; {REINSTALL}")
+        raise UnusableError(f"{path} is damaged")
     return json.loads(lzma.decompress(content))
 
 

@@ -625,7 +625,8 @@ UNUSABLE_REASONS: list[str] = []
 
 
 def _report_unusable(problem: str) -> None:
-    UNUSABLE_REASONS.append(problem)
+    if problem not in UNUSABLE_REASONS:
+        UNUSABLE_REASONS.append(problem)
     # Without a compiler an error says so.
     if compiler_versions() is not None:
         print_once("shipped", f"compiling instead of loading: {problem}")
@@ -644,8 +645,10 @@ def _load_stored(kernel: Any, kind: RecordType, name: str, path: Path) -> Code |
         return None
     try:
         with _mark_linking(path) as has_ended_process:
-            # Without a compiler there is nothing better.
-            if has_ended_process and compiler_versions() is not None:
+            # Link it again only if no other code can be made.
+            if has_ended_process and (
+                compiler_versions() is not None or _find_text(kernel, kind) is not None
+            ):
                 with contextlib.suppress(OSError):
                     _retry_refused(lambda: path.unlink(missing_ok=True))
                 _report_damaged(path, "was being linked when a process ended")
@@ -726,18 +729,34 @@ def _make_no_compiler_error(kernel: Any) -> NoCompilerError:
 
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
     """Return the header and the object code of a form, from prebuilt LLVM text if there is any."""
-    target, lowered = host(), _find_text(kernel, kind)
-    if lowered is None and compiler_versions() is None:
+    target = host()
+    if compiler_versions() is None and _find_text(kernel, kind) is None:
         raise _make_no_compiler_error(kernel)
     _notify()
     with COMPILER_CLOCK.running():
-        if lowered is not None:
-            from rasterjit.runtime.code_generation import generate_from_text
-
-            returns, code = lowered.returns, generate_from_text(*lowered[1:], name, target)
-        else:
-            returns, code = isolated_numba.compiler().compile_form(kernel, kind, name, target)
+        found = _generate_from_text(kernel, kind, name, target)
+        if found is None and compiler_versions() is None:
+            raise _make_no_compiler_error(kernel)
+        returns, code = found or isolated_numba.compiler().compile_form(kernel, kind, name, target)
     return _make_host_header(kernel, kind, returns), code
+
+
+def _generate_from_text(
+    kernel: Any, kind: RecordType, name: str, target: Target
+) -> tuple[str, bytes] | None:
+    """Return what a form returns and its object code; None without text that can be used."""
+    lowered = _find_text(kernel, kind)
+    if lowered is None:
+        return None
+    from rasterjit.runtime.code_generation import generate_from_text
+
+    try:
+        return lowered.returns, generate_from_text(lowered.text, lowered.symbol, name, target)
+    except RuntimeError as error:
+        # LLVM shows the line below its message.
+        reason = " ".join(str(error).split())[:200]
+        _report_unusable(f"LLVM's text of {lowered.symbol}: {reason}")
+        return None
 
 
 class _LoweredForm(NamedTuple):
@@ -750,18 +769,20 @@ class _LoweredForm(NamedTuple):
 
 
 def _find_text(kernel: Any, kind: RecordType) -> _LoweredForm | None:
-    """Return the prebuilt LLVM text of a form, if there is any and it can be used."""
+    """
+    Return the prebuilt LLVM text of a form, if there is any and it can be used.
+
+    The first problem with it is reported on standard error.
+    """
     if not kernel.__module__.startswith("rasterjit.") or kind not in kernel.declared:
         return None
-    try:
-        found = prebuilt_kernels.find_texts()
-    except prebuilt_kernels.UnusableError as error:
-        _report_unusable(str(error))
-        return None
+    lowered, problem = prebuilt_kernels.find_texts()
+    if problem is not None:
+        _report_unusable(problem)
     symbol = prebuilt_kernels.symbol_name(kernel, kernel.declared.index(kind))
-    if found is None or symbol not in found.texts:
+    if lowered is None or symbol not in lowered.texts:
         return None
-    return _LoweredForm(found.index.forms[symbol], found.texts[symbol], symbol)
+    return _LoweredForm(lowered.index.forms[symbol], lowered.texts[symbol], symbol)
 
 
 def _make_host_header(kernel: Any, kind: RecordType, returns: str) -> Header:

@@ -175,16 +175,16 @@ def requested_cpu_name() -> str | None:
     return cpu or ""
 
 
-def find_host_level() -> tuple[str, Level] | None:
-    """Return the kind of this CPU and its best level, or the level that is requested."""
+def find_host_levels() -> tuple[str, list[Level]]:
+    """Return the kind of this CPU and its levels, best first, or the one that is requested."""
     from llvmlite import binding
 
     kind, requested = split_triple(process_triple())[0], requested_cpu_name()
     features = {name for name, has in binding.get_host_cpu_features().items() if has}
-    for level in LEVELS.get(kind, ()):
-        if level.cpu == requested or (requested == "" and level.needs <= features):
-            return kind, level
-    return None
+    return kind, [
+        level for level in LEVELS.get(kind, ())
+        if level.cpu == requested or (requested == "" and level.needs <= features)
+    ]  # fmt: skip
 
 
 class _ThreadTarget(threading.local):

@@ -53,6 +53,6 @@ def test_every_effect_of_a_scene_is_complete():
 def test_every_option_of_an_effect_is_in_a_group_and_refused_where_it_would_be_idle():
     fields = {field.name for field in dataclasses.fields(options.Effects)} - {"style"}
     lacking = fields - {name for names in help.OPTION_GROUPS.values() for name in names}
-    assert not lacking, f"add {lacking} to GROUPS in rasterjit/cli/help.py"
+    assert not lacking, f"add {lacking} to OPTION_GROUPS in rasterjit/cli/help.py"
     lacking = fields & {*EFFECT_FIELDS} - {"section", *options.COLOR_OPTIONS, *options.CODE_OPTIONS}
     assert not lacking, f"add {lacking} to COLOR_OPTIONS or CODE_OPTIONS in cli/options.py"

@@ -38,7 +38,7 @@ def main(arguments):
     library, problem = prebuilt_kernels.find_library()
     if library is None:
         NOT_NEEDED.remove("llvmlite")
-    texts = None if library else prebuilt_kernels.find_texts()
+    texts = None if library else prebuilt_kernels.find_texts().lowered
     import frames
 
     # Some are cut, out of view, or rounded off, on purpose.

@@ -15,10 +15,12 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
 from kernel_files import kernel_modules
+from llvmlite import binding
 
 import rasterjit as rj
 from rasterjit.cli import commands, doctor, shared_libraries, wheels
@@ -46,6 +48,7 @@ needs_library = pytest.mark.skipif(
 
 NO_SOURCES = {"files": [], "hash": hashlib.sha256().hexdigest()}
 SYMBOL = prebuilt_kernels.symbol_name(stage_runner.run_list, 0)
+LLVM = binding.llvm_version_info[0]
 NO_CPU = "x86-64-v9"
 """A level that no CPU reaches."""
 
@@ -352,15 +355,29 @@ def test_without_a_compiler_an_error_names_what_is_of_no_use(
 
 
 @pytest.fixture
-def text(come):
+def let_text_come(come):
+    """A function that lets a kernel's text come alone, for levels; it returns the files."""
+    path, (kind, (best, *_)) = come(), targets.find_host_levels()
+    kernel, target = stage_runner.run_list, Target(store.host().triple, best.cpu, best.features)
+    returns, lowered = shared_libraries.optimized_text(kernel, kernel.declared[0], SYMBOL, target)
+
+    def let_come(*cpus, text=lowered, llvm=LLVM):
+        files, rows = [], []
+        for cpu in cpus or (best.cpu,):
+            files.append(path.with_name(f"{cpu}.ll.xz"))
+            files[-1].write_bytes(prebuilt_kernels.pack_texts({SYMBOL: text}))
+            checksum = hashlib.sha256(files[-1].read_bytes()).hexdigest()
+            rows.append([files[-1].name, checksum, kind, cpu, str(llvm)])
+        write_index(path.parent, {}, {SYMBOL: returns}, texts=rows)
+        return files
+
+    return let_come
+
+
+@pytest.fixture
+def text(let_text_come):
     """The file of a kernel's text for this CPU, which came alone."""
-    path, (kind, level) = come(), targets.find_host_level()
-    kernel, target = stage_runner.run_list, Target(store.host().triple, level.cpu, level.features)
-    returns, text = shared_libraries.optimized_text(kernel, kernel.declared[0], SYMBOL, target)
-    file = path.with_name(f"{level.cpu}.ll.xz")
-    file.write_bytes(prebuilt_kernels.pack_texts({SYMBOL: text}))
-    row = [file.name, hashlib.sha256(file.read_bytes()).hexdigest(), kind, level.cpu]
-    write_index(path.parent, {}, {SYMBOL: returns}, texts=[row])
+    (file,) = let_text_come()
     return file
 
 
@@ -376,14 +393,14 @@ def test_text_that_came_becomes_code_without_numba_and_is_stored(
     assert capfd.readouterr().err == ""
     (finding,) = doctor._check_prebuilt_kernels()
     assert finding.passed
-    assert f"{targets.find_host_level()[1].cpu}, 1 forms" in finding.text
+    assert f"{targets.find_host_levels()[1][0].cpu}, 1 forms" in finding.text
 
 
 @needs_library
 def test_text_gives_the_code_that_python_gives(text):
     kernel, name, target = stage_runner.run_list, "made", store.host()
-    compiler, index = isolated_numba.compiler(), prebuilt_kernels.find_texts()
-    _, level = targets.find_host_level()
+    compiler, index = isolated_numba.compiler(), prebuilt_kernels.find_texts().lowered
+    _, (level, *_) = targets.find_host_levels()
     asked = Target(target.triple, level.cpu, level.features)
     from_python = compiler.compile_form(kernel, kernel.declared[0], name, asked)[1]
     made = code_generation.generate_from_text(index.texts[SYMBOL], SYMBOL, name, asked)
@@ -407,10 +424,71 @@ def test_text_of_no_use_is_named_and_python_compiled(text, monkeypatch, capfd, d
 
 
 @needs_library
+@pytest.mark.parametrize("has_numba", [True, False])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [({"llvm": LLVM + 1}, f"LLVM {LLVM + 1}, and here is"), ({"text": "define what"}, SYMBOL)],
+    ids=["newer", "unknown"],
+)
+def test_text_that_this_llvm_cannot_read_is_named_and_python_compiled(
+    let_text_come, monkeypatch, capfd, options, words, has_numba
+):
+    let_text_come(**options)
+    if has_numba:
+        assert [load(), load()] == [False, True]
+        (line,) = capfd.readouterr().err.splitlines()
+        assert line.startswith("rasterjit: compiling instead of loading: ")
+        assert words in line
+    else:
+        monkeypatch.setattr(store, "compiler_versions", lambda: None)
+        with pytest.raises(store.NoCompilerError, match=words):
+            load()
+
+
+@needs_library
+@pytest.mark.skipif(HERE is not PLATFORM, reason="levels of x86-64")
+def test_past_damaged_text_that_of_the_next_level_is_used(let_text_come, monkeypatch, capfd):
+    monkeypatch.setattr(isolated_numba, "compiler", lambda: pytest.fail("it imports Numba"))
+    _, levels = targets.find_host_levels()
+    if len(levels) < 2:
+        pytest.skip("this CPU has one level alone")
+    first, second = let_text_come(levels[0].cpu, levels[1].cpu)
+    write(first, b"?")
+    assert [load(), load()] == [False, True]
+    assert str(first) in capfd.readouterr().err
+    assert prebuilt_kernels.find_texts().lowered.path == second
+
+
+@needs_library
 def test_text_of_another_kind_of_cpu_is_left_alone(text, monkeypatch):
     monkeypatch.setattr(targets, "process_triple", lambda: "riscv64-unknown-linux-gnu")
-    assert targets.find_host_level() is None
-    assert prebuilt_kernels.find_texts() is None
+    assert prebuilt_kernels.find_texts() == (None, None)
+
+
+def test_a_check_of_text_makes_what_a_build_makes(tmp_path, monkeypatch, capsys):
+    """Stand-ins of compiled text show that a build and a check write the same index."""
+
+    def compile_all(platforms, place, is_text_alone):
+        kinds = [(targets.split_triple(one.triple)[0], one) for one in platforms]
+        return {
+            (kind, level.cpu): SimpleNamespace(
+                forms=lambda: {"a": "int"}, texts=lambda cpu=level.cpu: {"a": cpu}
+            )
+            for kind, platform in kinds
+            for level in platform.levels
+        }
+
+    monkeypatch.setattr(wheels, "compile_all", compile_all)
+    monkeypatch.setattr(wheels, "made_with", lambda: "something")
+    monkeypatch.setattr(wheels, "sources", lambda: NO_SOURCES)
+    monkeypatch.setattr(prebuilt_kernels, "FOLDER", tmp_path)
+    names = ("macos_x86_64", "aarch64"), tuple(targets.PLATFORMS)
+    for count, chosen in zip((3, 4), names, strict=True):
+        files = wheels.text_files_of([targets.PLATFORMS[name] for name in chosen])
+        assert len(files) == count + 1
+        for name, content in files.items():
+            write(tmp_path / name, content)
+        assert wheels.check(), capsys.readouterr().out
 
 
 @needs_library
@@ -681,9 +759,11 @@ def test_all_frames_are_drawn_from_what_came_without_a_compiler(tmp_path, make):
         (copy / "machine_code" / name).write_bytes(content)
         assert len(content) < 2 << 20
     program = TESTS / "hard_cases" / "shipped_frames.py"
+    # A library needs no folder.
+    folder = str(tmp_path / "kernels") if make is wheels.text_files_of else "/dev/null/x"
     done = subprocess.run(
         [sys.executable, str(program), str(tmp_path)], capture_output=True, text=True, check=False,
-        env={**os.environ, "NUMBA_CPU_NAME": target.cpu, store.FOLDER_VARIABLE: "/dev/null/x"},
+        env={**os.environ, "NUMBA_CPU_NAME": target.cpu, store.FOLDER_VARIABLE: folder},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""

@@ -18,7 +18,7 @@ inside a square is at most the square, so no edge function really exceeds 2**54.
 
 A part of a larger picture keeps to the same 2**27 units: the whole is at most 2**17 pixels wide and
 high, and smaller where the grid is so fine that it and its guard band would leave them (see
-``validation.whole_size``). Then ``E >> grid_bits`` is at most 2**47 on any grid, which a float64
+``validation.tiled_size``). Then ``E >> grid_bits`` is at most 2**47 on any grid, which a float64
 division still finds exactly, and a snapped vertex, moved by the part's origin, fits int32.
 """
 

@@ -277,7 +277,7 @@ def read_shadow_map(
     light : (13,) float32
         As ``Lighting.lights`` has it.
     view : (20,) float32
-        From ``survey.light_culling.view_of_light``.
+        From ``survey.light_culling.pack_light_view``.
     depths : (S, S) float32
         As in ``DepthMap``.
     """
