@@ -288,7 +288,7 @@ def dark_light(random, scene, camera):
 def far_light(random, scene, camera):
     """Add a lamp that does not reach what is in view, at most 30 around the origin."""
     place = random.normal(size=3)
-    place *= float(random.choice([12.0, 300.0])) / np.linalg.norm(place)
+    place *= float(random.choice([40.0, 300.0])) / np.linalg.norm(place)
     shadow = rj.Shadow(size=64) if chance(random, 0.3) else None
     if chance(random, 0.5):
         light = rj.PointLight(place, intensity=50.0, range=5.0, shadow=shadow)
