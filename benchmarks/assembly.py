@@ -22,18 +22,12 @@ def of_store() -> Iterable[tuple[str, str]]:
     """Yield the name and the assembly of every kernel and stage in use, compiled once more."""
     from rasterjit.runtime import compiler, jit, store
 
-    for kernel in jit.KERNELS:
-        for form in kernel.forms:
-            yield (
-                store.qualified_name(kernel),
-                compiler.emit_assembly_text(kernel, form.kind, store.host()),
-            )
-    for stage in jit.STAGES:
-        if stage.is_in_use:
-            yield (
-                store.qualified_name(stage),
-                compiler.emit_assembly_text(stage, stage.kind, store.host()),
-            )
+    # Earlier versions call it otherwise.
+    emit = getattr(compiler, "emit_assembly_text", None) or compiler.assembly
+    forms = [(kernel, form.kind) for kernel in jit.KERNELS for form in kernel.forms]
+    forms += [(stage, stage.kind) for stage in jit.STAGES if stage.is_in_use]
+    for function, kind in forms:
+        yield f"{function.__module__}.{function.__name__}", emit(function, kind, store.host())
 
 
 def of_numba() -> Iterable[tuple[str, str]]:
