@@ -62,7 +62,7 @@ AMBIGUOUS_SUFFIXES = (".xml", ".dat", ".node")
 
 def mesh_files(folder: str | Path) -> list[Path]:
     """
-    Return all files below a folder with one of `mesh_suffixes`, in the order of their names.
+    Return all files below a folder with one of ``mesh_suffixes``, in the order of their names.
 
     Hidden files and folders are left out, and ``.xml``, ``.dat`` and ``.node``: such names have
     many files that are no meshes, or are a part of one.
