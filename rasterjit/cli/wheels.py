@@ -107,8 +107,6 @@ def sources() -> dict[str, Any]:
 class Compiled(NamedTuple):
     """What was compiled for a level of CPUs."""
 
-    kind: str
-    """Of CPU, such as ``x86_64``."""
     lowered: Path
     """Folder of the optimized modules."""
     objects: dict[Target, Path]
@@ -152,7 +150,7 @@ def compile_all(
     for target in (target for one in platforms for target in one.targets()):
         key = split_triple(target.triple)[0], target.cpu
         if key not in levels:
-            levels[key] = Compiled(key[0], place / str(len(levels)), {})
+            levels[key] = Compiled(place / str(len(levels)), {})
             lowered = levels[key].lowered
             lowered.mkdir()
             (lowered / CPU).write_text(json.dumps(target))

@@ -604,13 +604,13 @@ def _load_prebuilt(kernel: Any, kind: RecordType) -> Code | None:
 
     The first problem with it is reported on standard error.
     """
-    if not kernel.__module__.startswith("rasterjit.") or kind not in kernel.declared:
+    symbol = _prebuilt_symbol(kernel, kind)
+    if symbol is None:
         return None
     library, problem = prebuilt_kernels.find_library()
     if library is not None:
         if problem is not None:
             print_once("level", f"loading code for {library.target.cpu}: {problem}")
-        symbol = prebuilt_kernels.symbol_name(kernel, kernel.declared.index(kind))
         code = library.code(symbol)
         if code is not None:
             return Code(*code, True, library)
@@ -618,6 +618,13 @@ def _load_prebuilt(kernel: Any, kind: RecordType) -> Code | None:
     if problem is not None:
         _report_unusable(problem)
     return None
+
+
+def _prebuilt_symbol(kernel: Any, kind: RecordType) -> str | None:
+    """Return the name of a form in prebuilt code; None of others' kernels and undeclared forms."""
+    if not kernel.__module__.startswith("rasterjit.") or kind not in kernel.declared:
+        return None
+    return prebuilt_kernels.symbol_name(kernel, kernel.declared.index(kind))
 
 
 UNUSABLE_REASONS: list[str] = []
@@ -774,12 +781,12 @@ def _find_text(kernel: Any, kind: RecordType) -> _LoweredForm | None:
 
     The first problem with it is reported on standard error.
     """
-    if not kernel.__module__.startswith("rasterjit.") or kind not in kernel.declared:
+    symbol = _prebuilt_symbol(kernel, kind)
+    if symbol is None:
         return None
     lowered, problem = prebuilt_kernels.find_texts()
     if problem is not None:
         _report_unusable(problem)
-    symbol = prebuilt_kernels.symbol_name(kernel, kernel.declared.index(kind))
     if lowered is None or symbol not in lowered.texts:
         return None
     return _LoweredForm(lowered.index.forms[symbol], lowered.texts[symbol], symbol)
