@@ -272,5 +272,23 @@ def test_how_a_mesh_is_written_changes_no_bit(randoms):
         for mesh, place in added:
             other.add(mesh, place)
         before = arrays_of(rj.render(one, camera, **options))
-        found = differing(draw(random, other, camera, **options), before)
+        after = draw(random, other, camera, **options)
+        found = differing(after, before)
+        if found and not keeps_faces:
+            # Where depths are equal, the lower number wins, and cut meshes have other numbers.
+            tied = pixels_with_ties(one, camera, quality)
+            assert tied.sum() < FEW, (seed, found, tied.nonzero())
+            before, after = (
+                {n: a[~tied][None] for n, a in arrays.items()} for arrays in (before, after)
+            )
+            found = differing(after, before)
         assert not found, (seed, found, used(rj.explain(other, camera, **options)), quality)
+
+
+def pixels_with_ties(scene, camera, quality):
+    """Return (H, W), whether two faces at a pixel's centre have the same stored depth."""
+    tied = np.zeros(scenes.SIZE[::-1], bool)
+    for y, x in np.ndindex(tied.shape):
+        faces = rj.explain_pixel(scene, camera, scenes.SIZE, x, y, quality=quality).faces
+        tied[y, x] = len({face.stored_depth for face in faces}) < len(faces)
+    return tied
