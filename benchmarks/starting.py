@@ -1,11 +1,11 @@
 """
 ``python -m benchmarks startup``: how long it is to an import, and to a first picture.
 
-Each figure is a fresh process, from starting it to its end. RasterJIT runs from this clone, from a
-platform wheel and from another version, if these are given; F3D, PyVista, moderngl and Panda3D by
-the programs in ``starters/``. All draw the same teapot from the same place, in turns. With
-``--install``, the time from ``pip install`` to a first picture is measured as well, in environments
-made for it, from packages that were downloaded before.
+Each figure is a fresh process, from starting it to its end. RasterJIT runs from this clone, from
+wheels (with all that they ask for, and bare: without Numba), and from another version, if these are
+given; F3D, PyVista, moderngl and Panda3D by the programs in ``starters/``. All draw the same teapot
+from the same place, in turns. With ``--install``, the time from ``pip install`` to a first picture
+is measured as well, in environments made for it, from packages that were downloaded before.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
@@ -59,8 +60,11 @@ SHOWN = (0.02, 0.9)
 
 COLUMNS = (
     "who", "import, s", "API, s", "command, s", "first API, s", "first command, s",
-    "pip install and API, s", "remarks",
+    "installed, MB", "pip install and API, s", "remarks",
 )  # fmt: skip
+
+CODE = {".so", ".dll", ".dylib", ".xz"}
+"""Suffixes of files in a wheel that hold machine code or LLVM's text."""
 
 progress = Console(stderr=True)
 
@@ -83,6 +87,8 @@ class Starter:
     """Whether the command line is told the camera."""
     packages: tuple[str, ...] = ()
     """What pip installs for its program; empty: it is not measured."""
+    installed_bytes: int | None = None
+    """What pip added to a new environment; None if the environment is another one."""
 
     def line(self, part: str, picture: Path) -> list[str] | None:
         """Return the command line of a part; ``None`` if there is none."""
@@ -104,6 +110,7 @@ class Found:
     seconds: dict[str, list[float]] = field(default_factory=dict)
     """Of those after it."""
     processor: dict[str, list[float]] = field(default_factory=dict)
+    installed_bytes: int | None = None
     remarks: dict[str, str] = field(default_factory=dict)
     """Why a part has no times."""
 
@@ -197,9 +204,11 @@ class Environment(click.ParamType):
     "f3d=env/bin/python; may be repeated.  [default: this one]",
 )  # fmt: skip
 @click.option(
-    "--wheel", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
-    help="A wheel, which is installed by pip in a new environment.  [default: the newest for this "
-    "machine in dist/, if any]",
+    "--wheel", "wheels", multiple=True, metavar="FILE",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="A wheel, which pip installs in new environments, with what it asks for and, if it "
+    "brings code, without Numba; may be repeated.  [default: the newest for this machine in dist/, "
+    "if any]",
 )  # fmt: skip
 @click.option("--against", metavar="COMMIT", help="A commit, which is measured as well.")
 @click.option(
@@ -213,14 +222,14 @@ class Environment(click.ParamType):
     type=click.Path(dir_okay=False, path_type=Path),
 )  # fmt: skip
 def startup(
-    rounds: int, pythons: tuple[tuple[str, str], ...], wheel: Path | None, against: str | None,
-    install: bool, results: Path,
+    rounds: int, pythons: tuple[tuple[str, str], ...], wheels: tuple[Path, ...],
+    against: str | None, install: bool, results: Path,
 ) -> None:  # fmt: skip
     """Measure fresh processes: an import, and a first picture by API and by command line."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         try:
-            starters, left_out = entrants(folder, stack, dict(pythons), wheel, against)
+            starters, left_out = entrants(folder, stack, dict(pythons), wheels, against)
         except RevisionError as error:
             raise click.BadParameter(str(error), param_hint="--against") from error
         found = measure(starters, rounds, folder)
@@ -241,7 +250,11 @@ def startup(
 
 
 def entrants(
-    folder: Path, stack: ExitStack, pythons: dict[str, str], wheel: Path | None, against: str | None
+    folder: Path,
+    stack: ExitStack,
+    pythons: dict[str, str],
+    wheels: Sequence[Path],
+    against: str | None,
 ) -> tuple[list[Starter], dict[str, str]]:
     """Return who starts, and why others are left out; raise `RevisionError` for no commit."""
     here = package_environment({})
@@ -261,18 +274,24 @@ def entrants(
         found.append(
             Starter(f"RasterJIT, {name}", sys.executable, "rasterjit", own, line, there, True)
         )
-    wheel = wheel or newest_wheel(ROOT / "dist")
-    if wheel is None:
+    newest = newest_wheel(ROOT / "dist")
+    if not wheels and newest is not None:
+        wheels = [newest]
+    if not wheels:
         left_out["RasterJIT, wheel"] = "no wheel for this machine in dist/, and no --wheel"
-    else:
+    for wheel, packages in ((one, some) for one in wheels for some in package_choices(one)):
+        tag = wheel.stem.rpartition("-")[2].partition(".")[0]
+        name = f"RasterJIT, {wheel.resolve().parent.name}/{tag}" + ", bare" * bool(packages)
+        place = Path(tempfile.mkdtemp(prefix="wheel", dir=folder))
         try:
-            python = installed(wheel, folder / "wheel")
+            python, size = install_in_new(place, str(wheel.resolve()), packages)
         except subprocess.CalledProcessError as error:
-            left_out["RasterJIT, wheel"] = f"pip failed: {last_line(error.stderr)}"
-        else:
-            name = f"RasterJIT, {wheel.name}"
-            packages = (str(wheel.resolve()),)
-            found.append(Starter(name, python, "rasterjit", own, plain_line, {}, True, packages))
+            left_out[name] = f"pip failed: {last_line(error.stderr)}"
+            continue
+        fetched = () if packages else (str(wheel.resolve()),)
+        found.append(
+            Starter(name, python, "rasterjit", own, plain_line, {}, True, fetched, size)
+        )  # fmt: skip
     for key, (name, module, command, has_camera) in PEERS.items():
         python = pythons.get(key, sys.executable)
         if not is_installed(python, module):
@@ -304,12 +323,47 @@ def new_environment(place: Path) -> str:
     return str(place / ("Scripts/python.exe" if os.name == "nt" else "bin/python"))
 
 
-def installed(wheel: Path, place: Path) -> str:
-    """Install a wheel in a new environment, as users do; return its interpreter."""
-    progress.print(f"installing {wheel.name} ...")
+def install_in_new(place: Path, wheel: str, packages: Sequence[str]) -> tuple[str, int]:
+    """
+    Install a wheel in a new environment.
+
+    Parameters
+    ----------
+    place : Path
+        The folder of the environment.
+    wheel : str
+    packages : sequence of str
+        What to install instead of its dependencies; empty: these.
+
+    Returns
+    -------
+    python : str
+        The interpreter.
+    size : int
+        Bytes that pip added.
+    """
+    progress.print(f"installing {wheel} ...")
     python = new_environment(place)
-    run_pip(python, "install", str(wheel))
-    return python
+    before = size_of(place)
+    if packages:
+        run_pip(python, "install", *packages)
+    run_pip(python, "install", *(["--no-deps"] if packages else []), wheel)
+    return python, size_of(place) - before
+
+
+def size_of(folder: Path) -> int:
+    """Return the bytes of the files in a folder."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def package_choices(wheel: Path) -> list[tuple[str, ...]]:
+    """Return what to install a wheel with: what it asks for, and the least, if it brings code."""
+    brings_code = False
+    if zipfile.is_zipfile(wheel):
+        with zipfile.ZipFile(wheel) as archive:
+            brings_code = any(Path(name).suffix in CODE for name in archive.namelist())
+    least = ("numpy", "pillow", "click", *(["llvmlite"] if wheel.name.endswith("-any.whl") else []))
+    return [(), least] if brings_code else [()]
 
 
 def run_pip(python: str, *arguments: str) -> None:
@@ -359,7 +413,7 @@ def measure(starters: Sequence[Starter], rounds: int, folder: Path) -> list[Foun
 
     A part that fails, or whose picture is wrong, is left out of the rounds that follow.
     """
-    found = [Found(starter.name) for starter in starters]
+    found = [Found(each.name, installed_bytes=each.installed_bytes) for each in starters]
     reference: list[Any] = []
     for number in range(rounds + 1):
         progress.print(f"round {number} of {rounds}" if number else "first processes")
@@ -444,7 +498,9 @@ def row_of(found: Found) -> list[str]:
         found.name, *map(found.median, PARTS),
         *(
             f"{found.first[part]:.2f}" if part in found.first else ""
-            for part in (API, COMMAND, INSTALL)
+            for part in (API, COMMAND)
         ),
+        "" if found.installed_bytes is None else f"{found.installed_bytes / 1e6:.0f}",
+        f"{found.first[INSTALL]:.2f}" if INSTALL in found.first else "",
         "; ".join(f"{part}: {remark}" for part, remark in found.remarks.items()),
     ]  # fmt: skip

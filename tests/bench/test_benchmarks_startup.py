@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,7 @@ def test_each_part_is_timed_in_as_many_processes_as_rounds_after_the_first(tmp_p
     assert not found[1].remarks
     row = starting.row_of(found[1])
     assert len(row) == len(starting.COLUMNS)
-    assert row[3] == row[5] == row[6] == row[7] == ""
+    assert row[3] == row[5] == row[6] == row[7] == row[8] == ""
     assert float(row[2]) > 0.0
 
 
@@ -115,7 +116,7 @@ def test_a_picture_must_show_something_in_the_size_asked_for(tmp_path):
 def test_who_is_not_installed_is_left_out_by_name(monkeypatch, tmp_path):
     monkeypatch.setattr(starting, "is_installed", lambda python, module: module == "moderngl")
     monkeypatch.setattr(starting, "newest_wheel", lambda folder: None)
-    found, left_out = starting.entrants(tmp_path, None, {}, None, None)
+    found, left_out = starting.entrants(tmp_path, None, {}, [], None)
     assert [starter.name for starter in found] == [
         "Python alone", "NumPy alone", "RasterJIT, clone", "moderngl",
     ]  # fmt: skip
@@ -148,8 +149,15 @@ def test_the_newest_wheel_for_this_machine_is_taken_and_one_that_fails_is_told(
 
     monkeypatch.setattr(starting.subprocess, "run", fails)
     monkeypatch.setattr(starting, "is_installed", lambda *given: False)
-    _, left_out = starting.entrants(tmp_path, None, {}, wheel, None)
-    assert left_out["RasterJIT, wheel"] == "pip failed: ERROR: it is no wheel"
+    _, left_out = starting.entrants(tmp_path, None, {}, [wheel], None)
+    told = left_out[f"RasterJIT, {tmp_path.name}/manylinux_2_17_x86_64"]
+    assert told == "pip failed: ERROR: it is no wheel"
+    # What brings code is installed once more, with the least that it needs.
+    for tag, least in ((tags[2], 3), ("any", 4)):
+        wheel = tmp_path / f"rasterjit-0.1.0-py3-none-{tag}.whl"
+        with zipfile.ZipFile(wheel, "w") as archive:
+            archive.writestr("rasterjit/machine_code/some.ll.xz", "")
+        assert [*map(len, starting.package_choices(wheel))] == [0, least]
 
 
 @pytest.mark.parametrize(
@@ -194,7 +202,7 @@ def test_results_are_printed_and_written_and_a_wrong_picture_ends_it_with_status
 
 @pytest.mark.takes_long
 def test_the_programs_of_all_that_are_here_draw_the_same_teapot(tmp_path):
-    found, _ = starting.entrants(tmp_path, None, {}, None, None)
+    found, _ = starting.entrants(tmp_path, None, {}, [], None)
     for each in starting.measure(found, 1, tmp_path):
         assert not each.remarks, each
 
@@ -224,7 +232,7 @@ def test_an_installation_counts_from_pip_to_the_picture_and_only_where_packages_
     ]
     assert [each.first.get("install", 0.0) > 1.0 for each in found] == [False, True, False]
     assert found[2].remarks == {"install": "failed: OSError: no display"}
-    assert float(starting.row_of(found[1])[6]) > 1.0
+    assert float(starting.row_of(found[1])[7]) > 1.0
 
 
 def test_processes_may_write_bytecode_whatever_the_shell_says(monkeypatch, tmp_path):
