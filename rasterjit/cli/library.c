@@ -15,8 +15,22 @@ typedef __SIZE_TYPE__ size_t;
 int _fltused;
 
 void *memset(void *first, int value, size_t count) {
+#ifdef __x86_64__
     void *at = first;
     __asm__ volatile("rep stosb" : "+D"(at), "+c"(count) : "a"(value) : "memory");
+#else
+    /* The empty lines of assembly keep the compiler from calling memset for these loops. */
+    unsigned long long all = 0x0101010101010101ull * (unsigned char)value;
+    char *at = first, *end = at + count;
+    for (; end - at >= 8; at += 8) {
+        __builtin_memcpy(at, &all, 8);
+        __asm__ volatile("" ::: "memory");
+    }
+    for (; at < end; at++) {
+        *at = (char)value;
+        __asm__ volatile("" ::: "memory");
+    }
+#endif
     return first;
 }
 #else

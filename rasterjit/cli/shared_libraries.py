@@ -56,7 +56,7 @@ SYSTEMS = {
     "windows": System(
         "windows-gnu",
         # What else would be of Microsoft's C library is in `library.c`.
-        ("lld-link", "/dll", "/noentry", "/nologo", "/machine:x64", "/Brepro", "/out:{made}"),
+        ("lld-link", "/dll", "/noentry", "/nologo", "/machine:{machine}", "/Brepro", "/out:{made}"),
         frozenset(["_fltused"]),
     ),
     "macos": System(
@@ -121,8 +121,11 @@ def allowed_in(target: Target) -> frozenset[str]:
     return CALLED | SYSTEMS[split_triple(target.triple)[1]].needed
 
 
-COFF, MACHO = b"\x64\x86", b"\xcf\xfa\xed\xfe"
-"""How object code of Windows for x86-64 and of macOS begins."""
+COFF, MACHO = (b"\x64\x86", b"\x64\xaa"), b"\xcf\xfa\xed\xfe"
+"""How object code of Windows, for x86-64 and for AArch64, and of macOS begins."""
+
+MACHINES = {"x86_64": "x64", "aarch64": "arm64"}
+"""Windows' names of our kinds of CPUs."""
 
 
 def needed_symbols(code: bytes) -> set[str]:
@@ -185,7 +188,7 @@ def link(target: Target, name: str, objects: Sequence[Path]) -> bytes:
             "-fno-stack-protector", f"-DLEVEL={level}", "-c", str(OWN_CODE), "-o", str(own),
         )  # fmt: skip
         words = SYSTEMS[system].linker
-        known = {"name": name, "made": made, "target": zig_target}
+        known = {"name": name, "made": made, "target": zig_target, "machine": MACHINES[kind]}
         _zig(place, *(word.format(**known) for word in words), f"@{listed}")
         return made.read_bytes()
 

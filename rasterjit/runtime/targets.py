@@ -77,6 +77,7 @@ PLATFORMS = {
         "aarch64-unknown-linux-gnu", "manylinux2014_aarch64.manylinux_2_17_aarch64", AARCH64, ".so"
     ),
     "win_amd64": Platform("x86_64-pc-windows-msvc", "win_amd64", X86_64, ".dll"),
+    "win_arm64": Platform("aarch64-pc-windows-msvc", "win_arm64", AARCH64, ".dll"),
     "macos_arm64": Platform("arm64-apple-macosx11.0", "macosx_11_0_arm64", AARCH64, ".dylib"),
     # Hardly any Mac has AVX-512, and none shows it before it is used.
     "macos_x86_64": Platform("x86_64-apple-macosx11.0", "macosx_11_0_x86_64", X86_64[1:], ".dylib"),
@@ -147,7 +148,8 @@ def needs_far_addresses(triple: str) -> bool:
 
     ARM's Windows cannot relocate them in object files; macOS has its own rules.
     """
-    return find_platform(triple) is not None and split_triple(triple)[1] != "macos"
+    kind, system = split_triple(triple)
+    return (kind in LEVELS and system == "linux") or (kind, system) == ("x86_64", "windows")
 
 
 def process_triple() -> str:

@@ -157,16 +157,13 @@ def test_a_library_runs_on_no_cpu_that_lacks_a_feature(levels, cpu):
 def test_triples_of_a_system_have_its_platform_whatever_else_they_say():
     for triple, name in {
         "x86_64-conda-linux-gnu": "x86_64", "aarch64-unknown-linux-gnu": "aarch64",
-        "x86_64-pc-windows-msvc": "win_amd64", "arm64-apple-darwin": "macos_arm64",
+        "x86_64-pc-windows-msvc": "win_amd64", "aarch64-pc-windows-msvc": "win_arm64",
+        "arm64-apple-darwin": "macos_arm64",
         "aarch64-apple-macosx14.1": "macos_arm64", "x86_64-apple-darwin23.1.0": "macos_x86_64",
     }.items():  # fmt: skip
         assert targets.find_platform(triple) is targets.PLATFORMS[name]
-        assert targets.needs_far_addresses(triple) == ("apple" not in triple)
-    for triple in (
-        "aarch64-pc-windows-msvc",
-        "riscv64-unknown-linux-gnu",
-        "x86_64-unknown-freebsd",
-    ):
+        assert targets.needs_far_addresses(triple) == ("linux" in triple or name == "win_amd64")
+    for triple in ("riscv64-unknown-linux-gnu", "x86_64-unknown-freebsd"):
         assert targets.find_platform(triple) is None
         assert not targets.needs_far_addresses(triple)
 
