@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 
 import naive
@@ -353,6 +354,25 @@ def test_the_terms_of_light_on_microfacets_and_of_emission_add_up_to_the_colour(
         shone += sun.specular.max() > 1e-3 and sun.diffuse.max() > 1e-3
         assert "emission" in str(told)
     assert shone > 5
+
+
+@pytest.mark.parametrize("material", [rj.Material("unlit"), rj.Material("pbr", clearcoat=1.0)])
+def test_emission_is_what_the_picture_lacks_without_it(sphere, camera, material):
+    scenes, pictures = [], []
+    for emissive in ((0.0, 0.0, 0.0), (0.2, 0.1, 0.4)):
+        scenes.append(rj.Scene())
+        scenes[-1].lights = [rj.DirectionalLight((-1, 0, -1), intensity=0.4)]
+        own = replace(material, emissive=emissive)
+        scenes[-1].add(rj.Mesh(sphere.vertices, sphere.faces, material=own))
+        frame = rj.render(scenes[-1], camera, size=SIZE, outputs=("face_id", "linear"), threads=1)
+        pictures.append(frame.linear[..., :3])
+    dark, bright = pictures
+    for y, x in np.argwhere(frame.face_id >= 0)[::97]:
+        # What was shaded before it does not matter.
+        rj.explain_pixel(scenes[0], camera, SIZE, x, y)
+        found = rj.explain_pixel(scenes[1], camera, SIZE, x, y).light.emission
+        np.testing.assert_allclose(found, bright[y, x] - dark[y, x], atol=1e-6)
+        assert found.any()
 
 
 @pytest.mark.parametrize("shading", ["unlit", "phong"])
