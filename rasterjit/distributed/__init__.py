@@ -3,7 +3,8 @@ Render on more than one machine with Dask, and pictures and meshes too large for
 
 ``rasterjit.render_many(..., client=client)``
     Many cameras, one scene: the scene goes to every machine once, frames come back in order, and no
-    more of them are under way than ``prefetch``.
+    more of them are under way than ``prefetch``. With ``then=function`` comes back what a function
+    makes of each frame on its machine.
 `render_partitions`
     One camera, a mesh too large for one machine: parts of it are drawn where they are, and the
     nearest faces kept (sort-last).

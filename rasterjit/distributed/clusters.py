@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rasterjit.runtime.threads import available_processors
+from rasterjit.scene.validation import brief
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -79,6 +80,20 @@ def check_client(client: Any) -> Client:
         raise ValueError(f"client must be connected to a scheduler; its status is {client.status}")
     check_connected(client)
     return client
+
+
+def check_pickles(name: str, function: Any) -> None:
+    """Raise ``ValueError`` naming an argument that cannot be sent to a cluster."""
+    # Comes with Dask, which sends functions of the program itself by it.
+    import cloudpickle
+
+    try:
+        cloudpickle.dumps(function)
+    except Exception as error:
+        raise ValueError(
+            f"{name} must pickle, to be sent to a cluster, got {brief(function)}: "
+            f"{type(error).__name__}: {error}"
+        ) from error
 
 
 @contextmanager

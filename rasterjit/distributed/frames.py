@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from rasterjit.distributed.clusters import (
     SharedScene,
     TaskFarm,
     check_client,
+    check_pickles,
     count_threads,
 )
 from rasterjit.io.atomic_write import atomic_file, atomic_folder
@@ -45,13 +46,19 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import one_of, thread_count
+from rasterjit.scene.validation import brief, one_of, thread_count
 
 if TYPE_CHECKING:
     from distributed import Client
+    from typing_extensions import TypeVar
 
-FrameData = tuple[dict[str, NDArray[Any]], FrameStats, dict[str, str]]
-"""A frame as a worker returns it: arrays, statistics and warnings."""
+    Result = TypeVar("Result", default=Frame)
+
+Then: TypeAlias = Callable[[Frame], Any]
+"""What is made of each frame where it was drawn."""
+
+FrameData = tuple[dict[str, NDArray[Any]], FrameStats, "int | None"]
+"""A frame as a worker returns it: arrays, statistics and number."""
 
 
 def render_many(
@@ -68,7 +75,8 @@ def render_many(
     prefetch: int | None = None,
     progress: batch.Progress = "none",
     client: Client | None = None,
-) -> Iterator[Frame]:
+    then: Callable[[Frame], Result] | None = None,
+) -> Iterator[Result]:
     """
     Render one frame for each camera, in order, as an iterator.
 
@@ -83,7 +91,8 @@ def render_many(
     at most, as those of 256x256 with 60,000 faces, a thread draws each, and ``prefetch`` has room.
     Larger ones would gain nothing. The first frames are drawn alone, and tell whether it can be.
     The statistics of frames that were drawn in one go have one time beside compiling, ``"all
-    stages"``: the same share for each; their plans are made when they are asked for.
+    stages"``: the same share for each; their plans are made when they are asked for. With a client
+    up to 128 small views of a sequence are one task, also those that are drawn alone.
 
     Parameters
     ----------
@@ -110,10 +119,17 @@ def render_many(
         Whether a bar on standard error shows how many frames were taken.
     client : distributed.Client, optional
         A Dask cluster that draws the frames; see `rasterjit.distributed`.
+    then : callable, optional
+        Called with each frame where it was drawn; what it returns comes in place of the frame. So
+        workers write files, crop pictures or count pixels, and whole frames do not travel from a
+        cluster. ``frame.number`` is the index of its camera. No copy is made for it: it may change
+        the frame, keep it, or return a part of its arrays. Without a client several threads call
+        it at once. With a client it and what it returns must pickle; functions of the program
+        itself and lambdas do, with cloudpickle.
 
     Returns
     -------
-    iterator of Frame
+    iterator of Frame, or of what ``then`` returns
 
     Raises
     ------
@@ -122,7 +138,9 @@ def render_many(
         come as they are asked for, after the frames before it. So does a view that cannot be drawn,
         by its camera: ``cameras[3]``.
     RuntimeError
-        If frames are taken in a forked process from an iterator that its parent began.
+        If ``then`` fails, naming the camera and the error, after what comes before it; without a
+        client that error is its ``__cause__``. If frames are taken in a forked process from an
+        iterator that its parent began.
     ConnectionError
         If the client's scheduler is lost while frames are taken.
     """
@@ -131,13 +149,17 @@ def render_many(
     scene, options = batch.check_arguments(what, size, quality, outputs, background, cull)
     batch.check_cameras(cameras)
     one_of("progress", progress, batch.PROGRESS)
+    if then is not None and not callable(then):
+        raise ValueError(f"then must be a function of a frame, got {brief(then)}")
     if client is not None:
-        return _render_on_cluster(scene, cameras, options, threads, prefetch, progress, client)
+        return _render_on_cluster(
+            scene, cameras, options, threads, prefetch, progress, client, then
+        )
     count, threads_each = batch.share_threads(threads, workers)
     pace = GrowingPace(
         scene, options, count, threads_each, batch.check_prefetch(prefetch), count_cameras(cameras)
     )
-    pool = RendererPool(scene, options, count, threads_each, pace)
+    pool = RendererPool(scene, options, count, threads_each, pace, then)
     settled = batch.share_clip_planes_of_frames(scene, cameras, options)
     return batch.show_progress_bar(batch.yield_frames(pool, settled), cameras, progress)
 
@@ -152,40 +174,50 @@ class RemoteFrame(LazyFrame):
 
     def __init__(self, raw: FrameData, scene: Scene, camera: Camera, options: FrameRequest) -> None:
         self._scene = scene
-        outputs, stats, _ = raw
+        outputs, stats, number = raw
         super().__init__(outputs, partial(planning.make_plan, options, scene, camera), stats)
+        self.number = number
 
     def _find_first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
         return np.cumsum([0, *(len(node.mesh.faces) for node in self._scene.nodes)])
 
 
-def share_scene(scene: Scene, options: FrameRequest, threads: int) -> SharedScene:
+def share_scene(
+    scene: Scene, options: FrameRequest, threads: int, then: Then | None = None
+) -> SharedScene:
     """Return the arguments that all frames share; ``threads`` is the number for each task."""
-    return SharedScene(PoolWorker, scene, options, threads)
+    return SharedScene(PoolWorker, scene, options, threads, then or pack_frame)
 
 
-def draw_frames(shared: SharedScene, cameras: Sequence[Camera]) -> list[FrameData | Exception]:
+def draw_frames(
+    shared: SharedScene, cameras: Sequence[Camera], first: int = 0, group_size: int = 1
+) -> list[ViewResult]:
     """
-    Draw frames on a worker, which caches what frames of one scene share.
+    Draw frames on a worker in groups, which caches what frames of one scene share.
 
-    Warnings are returned with the frames; so is an error of a view after the first, as the last
-    item.
+    The last may be an error; that of the first view is raised.
     """
+    views: list[ViewResult] = []
     with shared.renderer() as worker:
-        results = worker.draw(cameras)
-    if isinstance(results[0].result, Exception):
-        raise results[0].result
-    return [pack_frame(view) for view in results]
+        for start in range(0, len(cameras), group_size):
+            views += worker.draw(cameras[start : start + group_size], first + start)
+            if views[-1].error is not None:
+                break
+    error = views[-1].error
+    if error is not None:
+        # It may not pickle.
+        error.__cause__ = None
+        if len(views) == 1:
+            raise error
+    return [view._replace(plan=None) for view in views]
 
 
-def pack_frame(view: ViewResult) -> FrameData | Exception:
-    """Convert a view's result to `FrameData`, or return its exception."""
-    if isinstance(view.result, Exception):
-        return view.result
+def pack_frame(frame: Frame) -> FrameData:
+    """Return what is sent of a frame."""
     # Counted here, so that faces need not be sent for it.
-    _ = view.result.stats.pixels_covered
-    return view.result.arrays(), view.result.stats, view.warnings
+    _ = frame.stats.pixels_covered
+    return frame.arrays(), frame.stats, frame.number
 
 
 class FrameTask(NamedTuple):
@@ -194,7 +226,7 @@ class FrameTask(NamedTuple):
     task: SentTask
     cameras: list[Camera]
     """Cameras of the frames that are not yet taken."""
-    drawn: deque[FrameData | Exception]
+    drawn: deque[ViewResult]
     """Frames that are drawn and not yet taken."""
 
 
@@ -210,16 +242,18 @@ class FrameFarm:
     threads : int
         Number for each task.
     pace : GrowingPace
+    then : callable, optional
+        What is made of each frame. Default: the frame itself.
     """
 
     def __init__(
-        self, client: Client, scene: Scene, options: FrameRequest, threads: int, pace: GrowingPace
-    ) -> None:
+        self, client: Client, scene: Scene, options: FrameRequest, threads: int, pace: GrowingPace,
+        then: Then | None = None,
+    ) -> None:  # fmt: skip
         self.pace = pace
-        self._scene, self._options = scene, options
-        self._farm = TaskFarm(client, share_scene(scene, options, threads))
+        self._scene, self._options, self._then = scene, options, then
+        self._farm = TaskFarm(client, share_scene(scene, options, threads, then))
         self._tasks: set[SentTask] = set()
-        self._count = 0
         self._warned: set[str] = set()
 
     def __enter__(self) -> FrameFarm:
@@ -229,26 +263,24 @@ class FrameFarm:
         self._farm.end(self._tasks)
         self._tasks.clear()
 
-    def submit(self, cameras: list[Camera]) -> FrameTask:
+    def submit(self, cameras: list[Camera], first: int) -> FrameTask:
         """Submit frames as one task; earlier tasks have priority."""
-        self._count += 1
-        task = self._farm.begin(SentTask(draw_frames, list(cameras), priority=-self._count))
+        arguments = list(cameras), first, self.pace.group_size
+        task = self._farm.begin(SentTask(draw_frames, *arguments, priority=-first))
         self._tasks.add(task)
         return FrameTask(task, cameras, deque())
 
-    def take(self, frame_task: FrameTask) -> Frame:
-        """Return the next frame of a task when the task is done."""
+    def take(self, frame_task: FrameTask) -> Any:
+        """Return the next frame of a task when the task is done, or what was made of it."""
         task, cameras, drawn = frame_task
         if task in self._tasks:
             drawn += self._farm.result(task)
             self._tasks.remove(task)
-        drawn_frame = drawn.popleft()
-        if isinstance(drawn_frame, Exception):
-            raise drawn_frame
-        view_warnings.warn(drawn_frame[2], self._warned)
-        frame = RemoteFrame(drawn_frame, self._scene, cameras.pop(0), self._options)
-        self.pace.adapt(frame, None)
-        return frame
+        result, camera = drawn.popleft().unwrap(self._warned), cameras.pop(0)
+        if self._then is None:
+            result = RemoteFrame(result, self._scene, camera, self._options)
+        self.pace.adapt(partial(planning.make_plan, self._options, self._scene, camera), None)
+        return result
 
 
 def _render_on_cluster(
@@ -259,14 +291,17 @@ def _render_on_cluster(
     prefetch: int | None,
     progress: str,
     client: Client,
-) -> Iterator[Frame]:
+    then: Then | None,
+) -> Iterator[Any]:
     """Yield frames in the order of the cameras; see `rasterjit.render_many`."""
     client = check_client(client)
+    check_pickles("then", then)
     threads_each = thread_count("threads", threads) or 1
     workers = count_threads(client)
     prefetch = batch.check_prefetch(prefetch)
-    pace = GrowingPace(scene, options, workers, threads_each, prefetch, count_cameras(cameras))
-    farm = FrameFarm(client, scene, options, threads_each, pace)
+    count = count_cameras(cameras)
+    pace = GrowingPace(scene, options, workers, threads_each, prefetch, count, is_remote=True)
+    farm = FrameFarm(client, scene, options, threads_each, pace, then)
     cameras_settled = batch.share_clip_planes_of_frames(scene, cameras, options)
     return batch.show_progress_bar(batch.yield_frames(farm, cameras_settled), cameras, progress)
 

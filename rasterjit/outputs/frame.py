@@ -372,6 +372,8 @@ class Frame(RenderedOutputs):
     stats : FrameStats
     choice : QualityChoice or None
         Which quality was chosen, where ``max_error`` or ``time_budget`` asked for it.
+    number : int or None
+        Which camera it is of those that `render_many` was given, from 0.
     """
 
     _HOLDER = "frame"
@@ -390,6 +392,7 @@ class Frame(RenderedOutputs):
         self.stats = stats
         # Any, so that type checkers let callers that requested a choice use it.
         self.choice: QualityChoice | Any = None
+        self.number: int | None = None
         self._white_share = 0.0
         """Share of the visible lit surfaces that is overexposed, 0..1: see ``view_warnings``."""
         self._diagnostics = diagnostics

@@ -61,7 +61,8 @@ from rasterjit.survey.object_counts import find_attribute
 from rasterjit.survey.object_transforms import KNOWN_CAMERAS, compute_projection
 
 Arrays = dict[str, NDArray[Any]]
-Frames = Generator[Frame, None, None]
+Frames = Generator[Any, None, None]
+"""Frames, or what was made of them."""
 
 MAX_VIEWS_PER_GROUP = 32
 """Most views of a group in streams and small batches."""
@@ -377,7 +378,7 @@ def _draw_only_view(
         views.options.size,
         views.options.quality,
     )
-    is_small = estimate_work(size, views.scene) <= MAX_WORK
+    is_small = is_small_view(size, views.scene)
     renderer = batch_cache.renderer if batch_cache is not None and is_small else None
     if renderer is None or (renderer.size, renderer.quality) != (size, quality):
         renderer = Renderer(size, quality=quality, threads=1 if is_small else threads)
@@ -451,6 +452,11 @@ def estimate_work(size: tuple[int, int], scene: Scene) -> int:
     """Return the faces and pixels, about, of a view of a size in pixels."""
     faces = sum(len(node.mesh.faces) for node in scene.nodes)
     return math.prod(size) + faces + OBJECT_WORK * len(scene.nodes)
+
+
+def is_small_view(size: tuple[int, int], scene: Scene) -> bool:
+    """Tell whether a view is so small that groups, caches and shared tasks pay."""
+    return estimate_work(size, scene) <= MAX_WORK
 
 
 class GroupDrawer(Protocol):
@@ -677,20 +683,20 @@ class Pool(Protocol):
     def __exit__(self, *error: Any) -> None:
         """Stop the workers."""
 
-    def submit(self, cameras: list[Camera]) -> Any:
-        """Begin the frames of some cameras, as one task; return the task."""
+    def submit(self, cameras: list[Camera], first: int) -> Any:
+        """Begin the frames of some cameras, numbered from ``first``, as one task; return it."""
 
-    def take(self, task: Any) -> Frame:
-        """Wait for the next frame of a task, and return it."""
+    def take(self, task: Any) -> Any:
+        """Wait for the next frame of a task, and return it, or what was made of it."""
 
 
 def yield_frames(pool: Pool, cameras: Iterable[Camera]) -> Frames:
-    """Yield the frames of a pool; close it after the last."""
+    """Yield the frames of a pool, or what it made of them; close it after the last."""
     with pool:
         yield from yield_in_order(cameras, pool)
 
 
-def yield_in_order(cameras: Iterable[Camera], pool: Pool) -> Iterator[Frame]:
+def yield_in_order(cameras: Iterable[Camera], pool: Pool) -> Iterator[Any]:
     """
     Yield frames in the order of the cameras, at the pool's pace.
 
@@ -704,7 +710,7 @@ def yield_in_order(cameras: Iterable[Camera], pool: Pool) -> Iterator[Frame]:
         while not source.is_over and ahead + pace.at_once <= pace.ahead:
             batch = source.next(pace.at_once)
             if batch:
-                tasks.append([pool.submit(batch), len(batch)])
+                tasks.append([pool.submit(batch, taken + ahead), len(batch)])
                 ahead += len(batch)
         if not tasks:
             break
@@ -760,14 +766,14 @@ def check_camera_at(number: int, camera: Any) -> Camera:
     return check_camera(f"cameras[{number}]", camera)
 
 
-def show_progress_bar(frames: Frames, cameras: Iterable[Camera], progress: str) -> Iterator[Frame]:
+def show_progress_bar(frames: Frames, cameras: Iterable[Camera], progress: str) -> Iterator[Any]:
     """Yield frames, with a progress bar if requested."""
     if progress == "none":
         return frames
     return _with_progress_bar(frames, operator.length_hint(cameras, 0) or None)
 
 
-def _with_progress_bar(frames: Frames, total: int | None) -> Iterator[Frame]:
+def _with_progress_bar(frames: Frames, total: int | None) -> Iterator[Any]:
     """Yield frames, with a progress bar on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn

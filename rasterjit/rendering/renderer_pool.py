@@ -12,11 +12,13 @@ from __future__ import annotations
 import math
 import os
 import queue
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,8 +48,8 @@ MAX_GROUP_BYTES = 1 << 23
 
 def may_pay(scene: Scene, options: FrameRequest, threads: int, max_at_once: int) -> bool:
     """Tell, without a plan, whether groups of views may pay: see `views_at_once`."""
-    is_small = batch.estimate_work(options.size, scene) <= batch.MAX_WORK
-    return threads == 1 and max_at_once > 1 and is_small and batch_scheduler.may_batch(options)
+    is_eligible = threads == 1 and max_at_once > 1 and batch_scheduler.may_batch(options)
+    return is_eligible and batch.is_small_view(options.size, scene)
 
 
 def views_at_once(
@@ -79,11 +81,16 @@ def views_at_once(
     """
     if not may_pay(scene, options, threads, max_at_once) or not can_batch(plan, scene, cache):
         return 1
+    most = min(max_at_once, batch.MAX_VIEWS_PER_GROUP)
+    return limit_views(scene, options, most, batch.MAX_WORK_PER_STREAM_GROUP)
+
+
+def limit_views(scene: Scene, options: FrameRequest, most: int, max_work: int) -> int:
+    """Return how many views, at least 1, have so much work at most, and fit a group's memory."""
     work = batch.estimate_work(options.size, scene)
     shapes = batch.find_output_shapes(scene, 1, options).values()
     view_bytes = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes)
-    by_work, by_memory = batch.MAX_WORK_PER_STREAM_GROUP // work, MAX_GROUP_BYTES // view_bytes
-    return max(1, min(max_at_once, batch.MAX_VIEWS_PER_GROUP, by_work, by_memory))
+    return max(1, min(most, max_work // work, MAX_GROUP_BYTES // view_bytes))
 
 
 class GrowingPace(Pace):
@@ -103,20 +110,25 @@ class GrowingPace(Pace):
         or one group of each, if the number of cameras is known.
     count : int, optional
         Number of cameras, if known.
+    is_remote : bool
+        Whether workers are on a cluster, which has small views as few tasks: also those that are
+        drawn alone, and several groups.
     """
 
     def __init__(
         self, scene: Scene, options: FrameRequest, workers: int, threads: int,
-        prefetch: int | None = None, count: int | None = None,
+        prefetch: int | None = None, count: int | None = None, is_remote: bool = False,
     ) -> None:  # fmt: skip
         tasks_ahead = FRAMES_AHEAD_PER_WORKER * workers
         super().__init__(1, min(prefetch or tasks_ahead, tasks_ahead))
         self._scene, self._options, self._threads = scene, options, threads
         self._tasks_ahead, self._prefetch, self._count = tasks_ahead, prefetch, count
-        self._is_decided = False
+        self._is_remote, self._is_decided = is_remote, False
+        self.group_size = 1
+        """Views that are drawn as one group."""
 
-    def adapt(self, first: Frame, cache: SceneCache | None) -> None:
-        """Decide the size of groups once, given the first frame and its scene's cache."""
+    def adapt(self, plan_first: Callable[[], RenderPlan], cache: SceneCache | None) -> None:
+        """Decide the size of groups once, given the first view's plan and its scene's cache."""
         if self._is_decided:
             return
         self._is_decided = True
@@ -126,11 +138,14 @@ class GrowingPace(Pace):
             # Share the views that are not yet begun evenly among the tasks.
             max_at_once = -(-(self._count - begun) // self._tasks_ahead)
         scene, options = self._scene, self._options
-        # Only now read the plan, which a `LazyFrame` makes for it.
-        if not may_pay(scene, options, self._threads, max_at_once):
-            return
-        cache = cache or prepare_scene(scene, options)
-        self.at_once = views_at_once(first.plan, scene, cache, options, self._threads, max_at_once)
+        # Only now read the plan, which is made for it after a cluster has drawn the view.
+        if may_pay(scene, options, self._threads, max_at_once):
+            cache, plan = cache or prepare_scene(scene, options), plan_first()
+            self.group_size = views_at_once(plan, scene, cache, options, self._threads, max_at_once)
+        self.at_once = self.group_size
+        if self._is_remote and batch.is_small_view(options.size, scene):
+            most = min(max_at_once, batch.MAX_VIEWS_PER_LARGE_GROUP)
+            self.at_once = limit_views(scene, options, most, batch.MAX_WORK_PER_BATCH_GROUP)
         self.ahead = self._prefetch or self._tasks_ahead * self.at_once
 
 
@@ -140,17 +155,36 @@ def prepare_scene(scene: Scene, options: FrameRequest) -> SceneCache:
 
 
 class ViewResult(NamedTuple):
-    """The frame of a view with its warnings, or its error."""
+    """What became of a view, with its warnings, or its error."""
 
-    result: Frame | Exception
+    result: Any
+    """The frame, or what a function made of it."""
     warnings: dict[str, str]
+    plan: RenderPlan | None = None
+    """Of a view that was drawn alone."""
+    error: Exception | None = None
 
-    def unwrap(self, warned: set[str]) -> Frame:
-        """Return the frame and issue warnings of kinds not in ``warned``, or raise the error."""
-        if isinstance(self.result, Exception):
-            raise self.result
+    def unwrap(self, warned: set[str]) -> Any:
+        """Return the result and issue warnings of kinds not in ``warned``, or raise the error."""
+        if self.error is not None:
+            raise self.error
         view_warnings.warn(self.warnings, warned)
         return self.result
+
+    def apply(self, then: Callable[[Frame], Any], number: int) -> ViewResult:
+        """Return what a function makes of the frame; ``number`` is that of the view."""
+        self.result.number = number
+        try:
+            return self._replace(result=then(self.result))
+        except Exception as error:
+            # Named here: what comes from another process has neither cause nor place.
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            failure = RuntimeError(
+                f"then failed for cameras[{number}]: {type(error).__name__}: {error} "
+                f"({Path(place.filename).name}, line {place.lineno})"
+            )
+            failure.__cause__ = error
+            return self._replace(result=None, error=failure)
 
 
 class GroupState(NamedTuple):
@@ -182,15 +216,19 @@ class PoolWorker:
     options : FrameRequest
     threads : int
         Threads for each frame.
+    then : callable, optional
+        What is made of each frame. Default: the frame itself.
     cache : SceneCache, optional
         Of the scene.
     """
 
     def __init__(
-        self, scene: Scene, options: FrameRequest, threads: int, cache: SceneCache | None = None
-    ) -> None:
+        self, scene: Scene, options: FrameRequest, threads: int,
+        then: Callable[[Frame], Any] | None = None, cache: SceneCache | None = None,
+    ) -> None:  # fmt: skip
         cache = cache or prepare_scene(scene, options)
         self._scene, self._options, self._cache = scene, options, cache
+        self._then = then or (lambda frame: frame)
         self._renderer = Renderer.timed(options.size, options.quality, threads, cache)
         self._arrays: dict[str, NDArray[Any]] = {}
         self._group: tuple[GroupRenderer, GroupState] | None = None
@@ -202,7 +240,7 @@ class PoolWorker:
             self._group[0].close()
 
     def draw(
-        self, cameras: Sequence[Camera], group_state: GroupState | None = None
+        self, cameras: Sequence[Camera], first: int = 0, group_state: GroupState | None = None
     ) -> deque[ViewResult]:
         """
         Draw views until one fails.
@@ -210,6 +248,8 @@ class PoolWorker:
         Parameters
         ----------
         cameras : sequence of Camera
+        first : int
+            Number of the first view.
         group_state : GroupState, optional
             Default: not shared with other threads.
         """
@@ -220,8 +260,9 @@ class PoolWorker:
                 of_group = self._draw_group(cameras, group_state)
         results: deque[ViewResult] = deque()
         for n, camera in enumerate(cameras):
-            results.append(of_group.pop(n) if n in of_group else self._draw_alone(camera))
-            if isinstance(results[-1].result, Exception):
+            view = of_group.pop(n) if n in of_group else self._draw_alone(camera)
+            results.append(view if view.error else view.apply(self._then, first + n))
+            if results[-1].error:
                 break
         return results
 
@@ -231,8 +272,8 @@ class PoolWorker:
             # The pool warns once, for all of them.
             frame = self._renderer._plan_and_draw(self._options, self._scene, camera)
         except Exception as error:
-            return ViewResult(error, {})
-        return ViewResult(frame, view_warnings.warnings_of_frame(frame))
+            return ViewResult(None, {}, error=error)
+        return ViewResult(frame, view_warnings.warnings_of_frame(frame), frame.plan)
 
     def _draw_group(
         self, cameras: Sequence[Camera], group_state: GroupState | None
@@ -292,12 +333,15 @@ class RendererPool:
     threads : int
         Threads of each worker.
     pace : GrowingPace
+    then : callable, optional
+        As `PoolWorker` takes it.
     """
 
     def __init__(
-        self, scene: Scene, options: FrameRequest, workers: int, threads: int, pace: GrowingPace
-    ) -> None:
-        self._scene, self._options = scene, options
+        self, scene: Scene, options: FrameRequest, workers: int, threads: int, pace: GrowingPace,
+        then: Callable[[Frame], Any] | None = None,
+    ) -> None:  # fmt: skip
+        self._scene, self._options, self._then = scene, options, then
         self._workers, self._threads = workers, threads
         self.pace = pace
         self._process = os.getpid()
@@ -312,7 +356,9 @@ class RendererPool:
         # The workers share the scene's cache.
         self._cache = prepare_scene(self._scene, self._options)
         for _ in range(self._workers):
-            pool_worker = PoolWorker(self._scene, self._options, self._threads, self._cache)
+            pool_worker = PoolWorker(
+                self._scene, self._options, self._threads, self._then, self._cache
+            )
             self._pool_workers.append(pool_worker)
             self._idle_workers.put(pool_worker)
         return self
@@ -325,30 +371,32 @@ class RendererPool:
         for pool_worker in self._pool_workers:
             pool_worker.close()
 
-    def submit(self, cameras: list[Camera]) -> Future[deque[ViewResult]]:
-        """Begin the frames of some cameras, as one task."""
-        return self._pool.submit(self._draw, cameras)
+    def submit(self, cameras: list[Camera], first: int) -> Future[deque[ViewResult]]:
+        """Begin the frames of some cameras, as one task; ``first`` is the number of the first."""
+        return self._pool.submit(self._draw, cameras, first)
 
-    def take(self, task: Future[deque[ViewResult]]) -> Frame:
-        """Wait for the next frame of a task, and return it."""
+    def take(self, task: Future[deque[ViewResult]]) -> Any:
+        """Wait for the next frame of a task, and return it, or what was made of it."""
         if self._process != os.getpid():
             raise RuntimeError(
                 "frames cannot be taken from an iterator that was begun before the process was "
                 "forked: its threads are in the parent; call render_many again here"
             )
-        frame = task.result().popleft().unwrap(self._warned)
-        self.pace.adapt(frame, self._cache)
+        view = task.result().popleft()
+        result, plan = view.unwrap(self._warned), view.plan
+        if plan is not None:
+            self.pace.adapt(lambda: plan, self._cache)
         if self._group_state is None and self.pace.at_once > 1:
             self._group_state = GroupState.of(
-                self._scene, self._cache, self._options, self.pace.at_once, frame.plan
+                self._scene, self._cache, self._options, self.pace.at_once, plan
             )
-        return frame
+        return result
 
-    def _draw(self, cameras: list[Camera]) -> deque[ViewResult]:
+    def _draw(self, cameras: list[Camera], first: int) -> deque[ViewResult]:
         """Draw the frames of a task by a free worker."""
         pool_worker = self._idle_workers.get()
         try:
-            return pool_worker.draw(cameras, self._group_state)
+            return pool_worker.draw(cameras, first, self._group_state)
         finally:
             self._idle_workers.put(pool_worker)
 
@@ -365,7 +413,7 @@ def draw_in_turns(
     cache = prepare_scene(scene, options)
     warned: set[str] = set()
     with ExitStack() as stack:
-        alone = stack.enter_context(closing(PoolWorker(scene, options, threads, cache)))
+        alone = stack.enter_context(closing(PoolWorker(scene, options, threads, cache=cache)))
         first = alone.draw(cameras[:1]).popleft().unwrap(warned)
         max_at_once = -(-(len(cameras) - 1) // threads)
         count = views_at_once(first.plan, scene, cache, options, 1, max_at_once)
@@ -375,7 +423,7 @@ def draw_in_turns(
         each: Callable[..., Iterator[deque[ViewResult]]] = map
         if count > 1:
             pool_workers = [
-                stack.enter_context(closing(PoolWorker(scene, options, 1, cache)))
+                stack.enter_context(closing(PoolWorker(scene, options, 1, cache=cache)))
                 for _ in range(threads)
             ]
             if threads > 1:
@@ -385,7 +433,7 @@ def draw_in_turns(
             starts = range(start, start + count * len(pool_workers), count)
             groups = [cameras[n : n + count] for n in starts]
             drawn = each(
-                lambda worker, group: worker.draw(group, group_state), pool_workers, groups
+                lambda worker, group: worker.draw(group, 0, group_state), pool_workers, groups
             )
             for results in list(drawn):
                 while results:

@@ -108,6 +108,39 @@ def test_forgetting_the_frames_ends_the_threads(cube):
     assert not own_threads("rasterjit-many")
 
 
+@pytest.mark.parametrize("make", [list, iter])
+def test_a_function_gets_each_frame_in_the_thread_that_drew_it(cube, make):
+    # Of a list, most are drawn in groups. What is kept, or a part of it, stays as it was drawn.
+    kept, given = {}, list(cameras(40))
+
+    def crop(frame):
+        kept[frame.number] = frame
+        return frame.depth[4:9, 5:12], threading.current_thread().name
+
+    options = {"size": SIZE, "outputs": ("color", "depth"), "threads": 2}
+    found = list(rj.render_many(cube, make(given), then=crop, **options))
+    assert {name.rsplit("_")[0] for _, name in found} == {"rasterjit-many"}
+    wanted = list(rj.render_many(cube, given, **options))
+    assert [frame.number for frame in wanted] == list(range(40))
+    assert are_same([kept[n] for n in range(40)], [frame.arrays() for frame in wanted])
+    assert all((part == kept[n].depth[4:9, 5:12]).all() for n, (part, _) in enumerate(found))
+
+
+def fail_at_17(frame):
+    return {}["nothing"] if frame.number == 17 else frame.number
+
+
+def test_an_error_of_the_function_tells_the_camera_and_the_place(cube):
+    found = []
+    message = r"^then failed for cameras\[17\]: KeyError: 'nothing' \(test_many.py, line \d+\)$"
+    with pytest.raises(RuntimeError, match=message) as failure:
+        found.extend(rj.render_many(cube, list(cameras(40)), size=SIZE, then=fail_at_17))
+    assert found == list(range(17))
+    assert isinstance(failure.value.__cause__, KeyError)
+    with pytest.raises(ValueError, match="then must be a function of a frame, got 'crop'"):
+        rj.render_many(cube, cameras(1), size=SIZE, then="crop")
+
+
 def test_no_cameras_make_no_frames(cube):
     assert list(rj.render_many(cube, [], size=SIZE)) == []
 

@@ -17,6 +17,7 @@ import pytest
 import rasterjit as rj
 from rasterjit import distributed
 from rasterjit.distributed import clusters
+from rasterjit.distributed import frames as frames_of_clusters
 
 pytestmark = [pytest.mark.takes_long, pytest.mark.needs_jit]
 
@@ -61,6 +62,64 @@ def test_small_views_of_a_sequence_are_drawn_several_in_a_task(cube, client):
     frames = list(rj.render_many(cube, cameras(40), size=SIZE, prefetch=12, client=client))
     assert are_those_of_render(frames, cube)
     assert sum("all stages" in one.stats.seconds for one in frames) == 36
+
+
+def test_small_views_that_are_drawn_alone_share_tasks_too(cube, client, monkeypatch):
+    sizes, submit = [], frames_of_clusters.FrameFarm.submit
+    monkeypatch.setattr(
+        frames_of_clusters.FrameFarm, "submit",
+        lambda farm, some, first: (sizes.append(len(some)), submit(farm, some, first))[1],
+    )  # fmt: skip
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.lights = [rj.DirectionalLight((-1.0, -2.0, -1.0), shadow=rj.Shadow())]
+    frames = list(rj.render_many(scene, list(cameras(40)), size=SIZE, client=client))
+    assert are_those_of_render(frames, scene)
+    assert sizes == [1] * 4 + [9] * 4
+    assert not any("all stages" in one.stats.seconds for one in frames)
+    # Groups are of 32 at most, and tasks of several.
+    sizes.clear()
+    given = list(cameras(204))
+    found = list(rj.render_many(cube, given, size=SIZE, client=client, then=lambda one: one.number))
+    assert found == list(range(204))
+    assert sizes == [1] * 4 + [50] * 4
+
+
+def test_a_function_is_called_on_the_workers(cube, client):
+    given = list(cameras(40))
+
+    def crop(frame):
+        return os.getpid(), frame.number, frame.color[4:9, 5:12], frame.stats.drawn
+
+    found = list(rj.render_many(cube, given, size=SIZE, client=client, then=crop))
+    assert {own for own, *_ in found} == set(client.run(os.getpid).values())
+    wanted = list(rj.render_many(cube, given, size=SIZE, then=crop))
+    assert [one[1] for one in found] == list(range(40))
+    assert all(
+        (a.tobytes(), drawn) == (b.tobytes(), others)
+        for (*_, a, drawn), (*_, b, others) in zip(found, wanted, strict=True)
+    )
+
+
+def test_an_error_of_the_function_tells_the_camera(cube, client):
+    class OwnError(Exception):
+        def __init__(self, lock):
+            super().__init__("no crop")
+            self.lock = lock
+
+    def fail(frame):
+        if frame.number == 17:
+            raise OwnError(threading.Lock())
+        return frame.number
+
+    found = []
+    message = r"^then failed for cameras\[17\]: OwnError: no crop \(.*line \d+\)"
+    with pytest.raises(RuntimeError, match=message):
+        found.extend(rj.render_many(cube, list(cameras(40)), size=SIZE, client=client, then=fail))
+    assert found == list(range(17))
+    lock = threading.Lock()
+    with pytest.raises(ValueError, match=r"then must pickle.* got function: TypeError: cannot"):
+        rj.render_many(cube, cameras(1), size=SIZE, client=client, then=lambda frame: lock)
 
 
 def test_an_error_in_a_task_comes_after_the_frames_before_it(cube, client):

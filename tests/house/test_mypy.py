@@ -111,6 +111,8 @@ rj.profile(scene, outputs=("detph",))
 rj.render_layers(scene, k=2, outputs=("detph",))
 rj.render_many(scene, [camera], outputs=("detph",))
 rj.render_many(scene, [camera], progress="bars")
+next(rj.render_many(scene, [camera], then=lambda frame: 3)).color
+next(rj.render_many(scene, [camera])).colour
 list(animation.frames(renderer, scene, [0.0], camera=camera, outputs=("detph",)))
 frame.dpeth
 frame.choice.qualty

@@ -139,7 +139,7 @@ def test_frames_that_are_drawn_in_other_ways_pick_the_same(scene):
     assert same(part.pick(48, 36), want)
     (many,) = rj.render_many(scene, [camera], size=size, outputs=PICK_OUTPUTS, threads=1)
     assert same(many.pick(48, 36), want)
-    drawn = many.arrays(), many.stats, {}
+    drawn = many.arrays(), many.stats, 0
     options = FrameRequest(size, rj.Quality.standard(), PICK_OUTPUTS, None, "none")
     assert same(RemoteFrame(drawn, scene, camera, options).pick(48, 36), want)
     quality = rj.Quality(samples=64)
