@@ -25,7 +25,8 @@ From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
     and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
     or `Equirectangular` is its lens. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender
-    and trimesh. `transforms` has the matrices.
+    and trimesh. `load_cameras` reads files of COLMAP, nerfstudio, Bundler and others, and
+    `save_cameras` writes them: each a `CalibratedCamera`. `transforms` has the matrices.
 Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
     since a `PreviousView` as well. `Renderer` keeps what frames have in common; `render_many`
@@ -82,6 +83,8 @@ _HOMES = {
     "inspect.pixel": "explain_pixel",
     "inspect.pixel_report": "PixelExplanation",
     "inspect.profile": "FrameProfile profile",
+    "io.camera_files": "load_cameras save_cameras",
+    "io.camera_files.calibration": "CalibratedCamera",
     "io.meshes": "LoadWarning MeshFileError load",
     "io.load_warnings": "SaveWarning",
     "outputs.batch": "Batch",

@@ -8,6 +8,8 @@ from rasterjit.distributed.frames import render_many
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.inspect.profile import FrameProfile, profile
+from rasterjit.io.camera_files import load_cameras, save_cameras
+from rasterjit.io.camera_files.calibration import CalibratedCamera
 from rasterjit.io.load_warnings import SaveWarning
 from rasterjit.io.meshes import LoadWarning, MeshFileError, load
 from rasterjit.outputs.batch import Batch
@@ -69,6 +71,7 @@ __all__ = [
     "Axes",
     "Batch",
     "BoundingBox",
+    "CalibratedCamera",
     "CalibrationWarning",
     "Channel",
     "ClassicPipeline",
@@ -133,6 +136,7 @@ __all__ = [
     "fit_camera",
     "grid",
     "load",
+    "load_cameras",
     "masks",
     "oracle",
     "orbit_direction",
@@ -142,6 +146,7 @@ __all__ = [
     "render_batch",
     "render_layers",
     "render_many",
+    "save_cameras",
     "show",
     "styles",
     "transforms",

@@ -14,6 +14,7 @@ Names that are not known beforehand are marked: ``AttributeName("attribute:heat"
 from rasterjit.animation.tracks import Interpolation as KeyInterpolation
 from rasterjit.classics.framebuffer import EdgeRule, FillMethod
 from rasterjit.dataset.recipe import Layout, RecipeOutput
+from rasterjit.io.camera_files import CameraFormat
 from rasterjit.io.cameras import BlenderType, ScreenSpace, SensorFit
 from rasterjit.io.meshes import OnDamage
 from rasterjit.outputs.output_table import AttributeName, IdOutput, OutputName, Outputs
@@ -66,6 +67,7 @@ __all__ = [
     "BlenderType",
     "Blending",
     "Camera",
+    "CameraFormat",
     "ChannelInterpolation",
     "ChannelPath",
     "ColorLike",

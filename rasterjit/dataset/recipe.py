@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from rasterjit.animation.tracks import DEGREES_PER_TURN, measure_sphere
 from rasterjit.io import images
 from rasterjit.io.atomic_write import atomic_file, write_text
+from rasterjit.io.camera_files.calibration import Intrinsics
+from rasterjit.io.camera_files.transforms_json import list_intrinsics
 from rasterjit.io.meshes import ON_DAMAGE, OnDamage, load
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
@@ -548,18 +550,9 @@ def _list_intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[s
     """Return the intrinsics of all views; pixel centres lie at halves."""
     width, height = size
     focal = transforms.focal_length(camera.fov_y) * height / 2.0
-    angles = [2.0 * transforms.arc_tangent(side, 2.0 * focal) for side in size]
-    return {
-        "camera_model": "OPENCV",
-        "camera_angle_x": math.radians(angles[0]),
-        "camera_angle_y": math.radians(angles[1]),
-        "fl_x": focal,
-        "fl_y": focal,
-        "cx": width / 2.0,
-        "cy": height / 2.0,
-        "w": width,
-        "h": height,
-    }
+    return list_intrinsics(
+        Intrinsics(size, focal, focal, 0.0, width / 2.0, height / 2.0, lens=None)
+    )
 
 
 def _find_unit_cube(scene: Scene) -> dict[str, Any]:

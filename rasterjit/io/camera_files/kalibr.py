@@ -1,0 +1,154 @@
+"""
+Kalibr's ``camchain.yaml``.
+
+The world is the first camera, x right, y down, z forward; ``T_cn_cnm1`` takes points from a camera
+to the next one. The centre of the first pixel is at (0, 0).
+
+References
+----------
+.. [1] Kalibr wiki, "yaml formats" and "Supported models".
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rasterjit.io.atomic_write import write_text
+from rasterjit.io.camera_files.calibration import (
+    EQUIDISTANT,
+    RADTAN,
+    CalibratedCamera,
+    Intrinsics,
+    NoLensError,
+    check_any,
+    join_camera,
+    lens_coefficients,
+    make_lens,
+    refuse,
+    refuse_skew,
+    split_camera,
+)
+from rasterjit.io.gltf.json_checks import get_list, get_numbers, quote, require
+from rasterjit.io.load_warnings import LeftOut
+from rasterjit.scene.arrays import Float64
+from rasterjit.scene.lens import FisheyeLens, PinholeDistortion
+from rasterjit.scene.transforms import Matrix, compose, identity, inverse
+from rasterjit.scene.validation import finite_array
+
+FORMAT = "Kalibr"
+
+DISTORTIONS = {
+    "radtan": (PinholeDistortion, RADTAN),
+    "equidistant": (FisheyeLens, EQUIDISTANT),
+    "fov": (PinholeDistortion, ("w",)),
+    "none": (PinholeDistortion, ()),
+}
+"""Lens and coefficients of each ``distortion_model``."""
+
+READ_KEYS = {
+    "camera_model", "intrinsics", "distortion_model", "distortion_coeffs", "resolution",
+    "T_cn_cnm1", "rostopic", "cam_overlaps",
+}  # fmt: skip
+"""Keys of a camera; which cameras see the same is no loss."""
+
+IDENTITY_TOLERANCE = 1e-12
+"""By how much a pose may miss the identity and be it."""
+
+
+def list_names(document: dict[str, Any]) -> list[str]:
+    """Return the names of the cameras of a chain, in order."""
+    names = [name for name in document if re.fullmatch(r"cam[0-9]+", str(name))]
+    return sorted(names, key=lambda name: int(name[3:]))
+
+
+def read_kalibr(document: dict[str, Any], left_out: LeftOut) -> list[CalibratedCamera]:
+    """Return the cameras of a chain."""
+    for key in document.keys() - set(list_names(document)):
+        left_out.note(str(key))
+    pose = identity()
+    found = []
+    for number, name in enumerate(list_names(document)):
+        values = document[name]
+        try:
+            if not isinstance(values, dict):
+                raise ValueError(f"it must have keys and values, got {quote(values)}")
+            for key in values.keys() - READ_KEYS:
+                left_out.note(str(key))
+            if number:
+                step = finite_array("T_cn_cnm1", require(values, "T_cn_cnm1"), (4, 4))
+                pose = compose(step, pose)
+            topic = values.get("rostopic", name)
+            found.append(join_camera(_read_intrinsics(values), pose, str(topic)))
+        except NoLensError as error:
+            left_out.note(f"camera without a lens here, {error}")
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+    return check_any(found, left_out)
+
+
+def _read_intrinsics(values: dict[str, Any]) -> Intrinsics:
+    """Return the intrinsics of a camera."""
+    model, distortion = require(values, "camera_model"), values.get("distortion_model", "none")
+    if model != "pinhole":
+        raise NoLensError(f"camera_model {model!r}")
+    if distortion not in DISTORTIONS:
+        raise NoLensError(f"distortion_model {distortion!r}")
+    kind, names = DISTORTIONS[distortion]
+    require(values, "intrinsics")
+    fx, fy, cx, cy = get_numbers(values, "intrinsics", (0.0,) * 4)
+    coefficients = get_numbers(values, "distortion_coeffs", (0.0,) * len(names)) if names else ()
+    size = tuple(get_list(values, "resolution"))
+    lens = make_lens(kind, names, coefficients, f"distortion_model {distortion!r}")
+    return Intrinsics(size, fx, fy, 0.0, cx + 0.5, cy + 0.5, lens)  # type: ignore[arg-type]
+
+
+def write_kalibr(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
+    """Write a chain, or raise ``ValueError``."""
+    lines, before = [], identity()
+    for number, camera in enumerate(cameras):
+        intrinsics, pose = split_camera(camera)
+        refuse_skew(camera, intrinsics, FORMAT)
+        if not number:
+            refuse_moved(camera, pose, FORMAT)
+        size, fx, fy, _, cx, cy, lens = intrinsics
+        model, names = (
+            ("equidistant", EQUIDISTANT) if isinstance(lens, FisheyeLens) else ("radtan", RADTAN)
+        )
+        lines += [
+            f"cam{number}:",
+            "  camera_model: pinhole",
+            f"  intrinsics: {[fx, fy, cx - 0.5, cy - 0.5]}",
+            f"  distortion_model: {model}",
+            f"  distortion_coeffs: {lens_coefficients(lens, names, FORMAT)}",
+            f"  resolution: {list(size)}",
+        ]
+        if number:
+            rows = compose(pose, inverse(before)).tolist()
+            lines += ["  T_cn_cnm1:", *(f"  - {row}" for row in rows)]
+        if camera.name not in ("", f"cam{number}"):
+            lines.append(f"  rostopic: {quote_yaml(camera.name)}")
+        before = pose
+    write_text(file, "\n".join([*lines, ""]))
+
+
+def refuse_moved(camera: CalibratedCamera, pose: Matrix | Float64, file_format: str) -> None:
+    """Raise ``ValueError`` if the first camera of a file is not where the world's origin is."""
+    is_moved = np.abs(pose - np.eye(4)).max() > IDENTITY_TOLERANCE
+    refuse(
+        bool(is_moved),
+        camera,
+        f"must be where the world's origin is, x right, y down, z forward, for {file_format}, "
+        "which only holds poses from one camera to the next",
+    )
+
+
+def quote_yaml(text: str) -> str:
+    """Return a text as YAML's quoted one, which JSON's is."""
+    import json
+
+    return json.dumps(text)

@@ -1,0 +1,231 @@
+"""
+OpenCV's calibrations as YAML, of one camera or two; ROS's ``camera_info`` has the same shape.
+
+The centre of the first pixel is at (0, 0); x points right, y down, z forward.
+
+References
+----------
+.. [1] OpenCV 4, "Camera calibration With OpenCV" and ``samples/cpp/stereo_calib.cpp``: the keys of
+   their files. "Camera Calibration and 3D Reconstruction": what they mean.
+.. [2] ROS, ``camera_calibration_parsers``: YAML of camera_info.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rasterjit.io.atomic_write import write_text
+from rasterjit.io.camera_files.calibration import (
+    EQUIDISTANT,
+    CalibratedCamera,
+    Intrinsics,
+    NoLensError,
+    join_camera,
+    make_lens,
+    reading,
+    refuse,
+    split_camera,
+)
+from rasterjit.io.camera_files.kalibr import quote_yaml, refuse_moved
+from rasterjit.io.camera_files.yaml_files import get_matrix, read_yaml
+from rasterjit.io.cameras import intrinsic_matrix
+from rasterjit.io.gltf.json_checks import get_integer, get_list
+from rasterjit.io.load_warnings import LeftOut
+from rasterjit.scene.arrays import Float64
+from rasterjit.scene.decomposed_transform import quaternion_from_axes
+from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
+from rasterjit.scene.transforms import Matrix, compose, identity, inverse, rotate
+
+FORMAT = "OpenCV's YAML"
+
+COEFFICIENTS = (
+    "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"
+)  # fmt: skip
+COUNTS = (0, 1, 4, 5, 8, 12, 14)
+"""Numbers of coefficients that OpenCV knows."""
+
+SINGLE = ("camera_matrix", "distortion_coefficients")
+STEREO = (
+    (("M1", "D1"), ("M2", "D2")),
+    (("cameraMatrix1", "distCoeffs1"), ("cameraMatrix2", "distCoeffs2")),
+)
+"""Names of K and of the coefficients of one camera, and of two."""
+
+FISHEYE_MODELS = ("equidistant", "fisheye")
+"""ROS's names of the fisheye lens."""
+
+READ_KEYS = {
+    *SINGLE, *(key for pair in STEREO for keys in pair for key in keys), "R", "T",
+    "image_width", "image_height", "imageSize",
+    "fisheye_model", "distortion_model", "extrinsic_parameters", "camera_name", "image_names",
+}  # fmt: skip
+
+
+def read_opencv(
+    file: Path, document: dict[str, Any], size: tuple[int, int] | None, left_out: LeftOut
+) -> list[CalibratedCamera]:
+    """Return the camera of each view of a calibration, or both of a stereo pair."""
+    if "image_width" in document:
+        size = get_integer(document, "image_width"), get_integer(document, "image_height")
+    elif "imageSize" in document:
+        width, height = get_list(document, "imageSize")
+        size = width, height
+    if size is None:
+        raise ValueError("give size: it does not tell that of its images")
+    for key in document.keys() - READ_KEYS:
+        left_out.note(str(key))
+    stereo = next((pair for pair in STEREO if pair[0][0] in document), None)
+    try:
+        if stereo is None:
+            inner = [_read_intrinsics(document, *SINGLE, size)]
+            poses = _read_views(document)
+            inner *= len(poses)
+        else:
+            inner = [_read_intrinsics(document, *keys, size) for keys in stereo]
+            poses = [identity(), _read_stereo_pose(file, document, left_out)]
+    except NoLensError as error:
+        raise ValueError(f"no lens here stands for {error}") from None
+    names = _read_names(document, len(poses))
+    return [join_camera(*one) for one in zip(inner, poses, names, strict=True)]
+
+
+def _read_names(document: dict[str, Any], count: int) -> list[str]:
+    """Return the names of cameras."""
+    if "image_names" in document:
+        names = [str(name) for name in get_list(document, "image_names")]
+        if len(names) != count:
+            raise ValueError(f"image_names must be {count}, got {len(names)}")
+        return names
+    return [str(document.get("camera_name", ""))] * count
+
+
+def _read_intrinsics(
+    document: dict[str, Any], matrix: str, coefficients: str, size: tuple[int, int]
+) -> Intrinsics:
+    """Return the intrinsics under two keys."""
+    (fx, skew, cx), (_, fy, cy), _ = intrinsic_matrix(matrix, get_matrix(document, matrix)).tolist()
+    values: list[float] = []
+    if document.get(coefficients) is not None:
+        values = get_matrix(document, coefficients).ravel().tolist()
+    is_fisheye = document.get("distortion_model") in FISHEYE_MODELS
+    if is_fisheye or document.get("fisheye_model") in (1, True):
+        if len(values) != len(EQUIDISTANT):
+            raise ValueError(f"{coefficients} of a fisheye must be 4 numbers, got {len(values)}")
+        lens = make_lens(FisheyeLens, EQUIDISTANT, values, FORMAT)
+    elif len(values) not in COUNTS:
+        raise ValueError(f"{coefficients} must be 4, 5, 8, 12 or 14 numbers, got {len(values)}")
+    else:
+        lens = make_lens(PinholeDistortion, COEFFICIENTS[: len(values)], values, FORMAT)
+    return Intrinsics(size, fx, fy, skew, cx + 0.5, cy + 0.5, lens)
+
+
+def _read_views(document: dict[str, Any]) -> list[Matrix]:
+    """Return the poses of the views of a calibration; the identity if it has none."""
+    if document.get("extrinsic_parameters") is None:
+        return [identity()]
+    rows = get_matrix(document, "extrinsic_parameters")
+    if rows.shape[1] != 6 or not len(rows):
+        raise ValueError(f"extrinsic_parameters must have shape (n, 6), got {rows.shape}")
+    return [_make_pose(row[:3], row[3:]) for row in rows]
+
+
+def _read_stereo_pose(file: Path, document: dict[str, Any], left_out: LeftOut) -> Matrix:
+    """Return second from first camera, of this file or of ``extrinsics.yml`` beside it."""
+    if "R" not in document:
+        other = file.with_name(file.name.replace("intrinsics", "extrinsics"))
+        if other == file or not other.exists():
+            raise ValueError("R and T, from the first camera to the second, are missing")
+        with reading(other, FORMAT):
+            document = read_yaml(other)
+            for key in document.keys() - {"R", "T"}:
+                left_out.note(str(key))
+    return _make_pose(get_matrix(document, "R"), get_matrix(document, "T").ravel())
+
+
+def _make_pose(rotation: Float64, translation: Float64) -> Matrix:
+    """Return a pose from a rotation, a matrix or OpenCV's vector, and a translation."""
+    if rotation.size == 3:
+        vector = rotation.ravel()
+        angle = math.degrees(float(np.linalg.norm(vector)))
+        pose = rotate(vector, angle) if angle else identity()
+    else:
+        pose = identity()
+        pose[:3, :3] = rotation
+    pose[:3, 3] = translation
+    return pose
+
+
+def _rotation_vector(pose: Matrix) -> list[float]:
+    """Return OpenCV's rotation vector of a pose: its axis, as long as the angle in radians."""
+    x, y, z, w = quaternion_from_axes(*map(tuple, pose[:3, :3].T.tolist()))  # type: ignore[arg-type]
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine == 0.0:
+        return [0.0, 0.0, 0.0]
+    angle = 2.0 * math.atan2(sine, w)
+    if angle > math.pi:
+        angle -= 2.0 * math.pi
+    return [part * angle / sine for part in (x, y, z)]
+
+
+def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
+    """Write a calibration of one camera in several views, or of two, or raise ``ValueError``."""
+    inner, poses = zip(*map(split_camera, cameras), strict=True)
+    first = inner[0]
+    for camera, one in zip(cameras, inner, strict=True):
+        refuse(one.size != first.size, camera, f"must have the size of others for {FORMAT}")
+        is_fisheye = isinstance(one.lens, FisheyeLens)
+        is_alike = is_fisheye == isinstance(first.lens, FisheyeLens)
+        refuse(not is_alike, camera, f"must have a lens of the model of others for {FORMAT}")
+        is_held = not isinstance(one.lens, Equirectangular)
+        is_held &= not (is_fisheye and one.lens.fov != FisheyeLens.fov)
+        refuse(not is_held, camera, f"must have a lens of OpenCV's for {FORMAT}, got {one.lens!r}")
+    lines = ["%YAML:1.0", "---", f"image_width: {first.size[0]}", f"image_height: {first.size[1]}"]
+    if isinstance(first.lens, FisheyeLens):
+        lines.append("fisheye_model: 1")
+    if all(one == first for one in inner):
+        lines += _format_intrinsics(first, *SINGLE)
+        if len(cameras) > 1 or (poses[0] != np.eye(4)).any():
+            rows = [[*_rotation_vector(pose), *pose[:3, 3].tolist()] for pose in poses]
+            lines += _format_matrix("extrinsic_parameters", rows)
+    else:
+        refuse(
+            len(cameras) != 2, cameras[-1],
+            f"must have the intrinsics of others, or be one of two, for {FORMAT}",
+        )  # fmt: skip
+        refuse_moved(cameras[0], poses[0], FORMAT)
+        for one, keys in zip(inner, STEREO[0], strict=True):
+            lines += _format_intrinsics(one, *keys)
+        step = compose(poses[1], inverse(poses[0]))
+        lines += _format_matrix("R", step[:3, :3].tolist())
+        lines += _format_matrix("T", step[:3, 3:].tolist())
+    if any(camera.name for camera in cameras):
+        lines += ["image_names:", *(f"   - {quote_yaml(camera.name)}" for camera in cameras)]
+    write_text(file, "\n".join([*lines, ""]))
+
+
+def _format_intrinsics(intrinsics: Intrinsics, matrix: str, coefficients: str) -> list[str]:
+    """Return the lines of K and of the coefficients of a camera."""
+    _, fx, fy, skew, cx, cy, lens = intrinsics
+    k = [[fx, skew, cx - 0.5], [0.0, fy, cy - 0.5], [0.0, 0.0, 1.0]]
+    names = EQUIDISTANT if isinstance(lens, FisheyeLens) else COEFFICIENTS
+    values = [getattr(lens, name, 0.0) for name in names]
+    if not isinstance(lens, FisheyeLens):
+        values = values[: next(n for n in COUNTS[3:] if not any(values[n:]))]
+    return _format_matrix(matrix, k) + _format_matrix(coefficients, [[value] for value in values])
+
+
+def _format_matrix(key: str, rows: list[list[float]]) -> list[str]:
+    """Return the lines of a matrix of float64, as OpenCV writes it."""
+    data = ", ".join(repr(float(value)) for row in rows for value in row)
+    return [
+        f"{key}: !!opencv-matrix",
+        f"   rows: {len(rows)}",
+        f"   cols: {len(rows[0])}",
+        "   dt: d",
+        f"   data: [ {data} ]",
+    ]

@@ -1,0 +1,255 @@
+"""
+``transforms.json`` of nerfstudio and instant-ngp, and the JSON of NeRF's synthetic scenes.
+
+A pose is world from camera, x right, y up, z back; the principal point is counted from the corner
+of the first pixel. What Blender's exporters write for NeRF's synthetic scenes has the same shape
+with ``camera_angle_x``, radians, alone.
+
+References
+----------
+.. [1] nerfstudio documentation, "Data conventions".
+.. [2] instant-ngp, ``docs/nerf_dataset_tips.md`` and ``src/nerf_loader.cu``: the keys of its files.
+.. [3] B. Mildenhall et al., "NeRF", ECCV 2020: ``load_blender.py`` of the published program.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from rasterjit.io.atomic_write import write_text
+from rasterjit.io.camera_files.calibration import (
+    EQUIDISTANT,
+    FLIP_YZ,
+    CalibratedCamera,
+    Intrinsics,
+    NoLensError,
+    check_any,
+    join_camera,
+    lens_coefficients,
+    make_lens,
+    make_panorama,
+    reading,
+    refuse,
+    refuse_skew,
+    split_camera,
+)
+from rasterjit.io.cameras import view_from_pose
+from rasterjit.io.gltf.json_checks import get_integer, get_list, get_number, get_numbers, require
+from rasterjit.io.load_warnings import LeftOut
+from rasterjit.scene import transforms
+from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
+
+FORMAT = "transforms.json"
+BLENDER = "Blender's JSON"
+
+PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+FISHEYE = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
+PANORAMA = "EQUIRECTANGULAR"
+"""Values of ``camera_model`` that a lens here stands for."""
+
+RADIAL_AND_TANGENTIAL = ("k1", "k2", "k3", "p1", "p2")
+FOURTH = "k4, of the eighth power,"
+"""What nerfstudio's ``k4`` is where no fisheye is meant; OpenCV's is another."""
+
+INTRINSIC_KEYS = (
+    "camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x",
+    "camera_angle_y", "x_fov", "y_fov", "k1", "k2", "k3", "k4", "p1", "p2", "distortion_params",
+)  # fmt: skip
+FRAME_KEYS = ("file_path", "transform_matrix")
+
+DEFAULT_SUFFIX = ".png"
+"""Suffix of images whose names have none, as those of NeRF's synthetic scenes."""
+
+
+def read_transforms(
+    file: Path, size: tuple[int, int] | None, left_out: LeftOut
+) -> list[CalibratedCamera]:
+    """Return the cameras of all frames."""
+    with reading(file, FORMAT):
+        document = json.loads(file.read_text("utf-8"))
+        if not isinstance(document, dict) or "frames" not in document:
+            raise ValueError("frames is missing")
+        _note_keys(document, (*INTRINSIC_KEYS, "frames"), left_out)
+        found = []
+        for number, frame in enumerate(get_list(document, "frames")):
+            if not isinstance(frame, dict):
+                raise ValueError(f"frame {number} must be an object, got {frame!r}")
+            _note_keys(frame, (*INTRINSIC_KEYS, *FRAME_KEYS), left_out)
+            try:
+                found.append(_read_frame({**document, **frame}, file.parent, size))
+            except NoLensError as error:
+                left_out.note(f"frame of a camera without a lens here, {error}")
+            except ValueError as error:
+                raise ValueError(f"frame {number}: {error}") from None
+        return check_any(found, left_out)
+
+
+def _note_keys(values: dict[str, Any], known: Sequence[str], left_out: LeftOut) -> None:
+    """Note the keys of an object that are not read."""
+    for key in values.keys() - set(known):
+        left_out.note(key)
+
+
+def _read_frame(
+    values: dict[str, Any], folder: Path, size: tuple[int, int] | None
+) -> CalibratedCamera:
+    """Return the camera of a frame, given its own values and those of the file."""
+    name = require(values, "file_path")
+    if not isinstance(name, str):
+        raise ValueError(f"file_path must be a text, got {name!r}")
+    if "fl_x" not in values and not PurePosixPath(name).suffix:
+        name += DEFAULT_SUFFIX
+    if "w" in values or "h" in values:
+        size = get_integer(values, "w"), get_integer(values, "h")
+    elif size is None:
+        size = image_file_size(folder / name)
+    rows = get_list(values, "transform_matrix")
+    matrix = [get_numbers({"row": row}, "row", (0.0,) * 4) for row in rows]
+    if len(matrix) not in (3, 4):
+        raise ValueError(f"transform_matrix must have 4 rows, got {len(matrix)}")
+    pose = np.vstack([matrix, np.eye(4)[len(matrix) :]])
+    view = view_from_pose(pose, "transform_matrix")
+    intrinsics = _read_intrinsics(values, size)
+    return join_camera(intrinsics, transforms.compose(FLIP_YZ, view), name)
+
+
+def image_file_size(file: Path) -> tuple[int, int]:
+    """Return width and height of a picture, or raise ``ValueError``: they must be given."""
+    with suppress(OSError, ValueError):
+        from PIL import Image
+
+        with Image.open(file) as image:
+            return image.size
+    raise ValueError(f"give size: it does not tell that of its images, and {file} is no picture")
+
+
+def _read_intrinsics(values: dict[str, Any], size: tuple[int, int]) -> Intrinsics:
+    """Return the intrinsics of a frame."""
+    default = "OPENCV_FISHEYE" if values.get("is_fisheye") is True else "OPENCV"
+    model = values.get("camera_model", default)
+    if model == PANORAMA:
+        return make_panorama(size, model)
+    if model not in PERSPECTIVE + FISHEYE:
+        raise NoLensError(f"camera_model {model!r}")
+    fx = _read_focal(values, "x", size[0])
+    fy = _read_focal(values, "y", size[1]) if _tells_focal(values, "y") else fx
+    cx = get_number(values, "cx", size[0] / 2.0)
+    cy = get_number(values, "cy", size[1] / 2.0)
+    k1, k2, k3, k4, p1, p2 = get_numbers(
+        values,
+        "distortion_params",
+        tuple(get_number(values, key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2")),
+    )
+    if model in FISHEYE or values.get("is_fisheye") is True:
+        lens = make_lens(FisheyeLens, EQUIDISTANT, (k1, k2, k3, k4), model)
+    else:
+        names = (*RADIAL_AND_TANGENTIAL, FOURTH)
+        lens = make_lens(PinholeDistortion, names, (k1, k2, k3, p1, p2, k4), model)
+    return Intrinsics(size, fx, fy, 0.0, cx, cy, lens)
+
+
+def _tells_focal(values: dict[str, Any], axis: str) -> bool:
+    """Tell whether a frame has a focal length of an axis."""
+    return any(key in values for key in (f"fl_{axis}", f"camera_angle_{axis}", f"{axis}_fov"))
+
+
+def _read_focal(values: dict[str, Any], axis: str, side: int) -> float:
+    """Return the focal length of an axis, pixels, or raise ``ValueError``."""
+    if f"fl_{axis}" in values:
+        return get_number(values, f"fl_{axis}")
+    if f"camera_angle_{axis}" in values:
+        angle = math.degrees(get_number(values, f"camera_angle_{axis}"))
+    elif f"{axis}_fov" in values:
+        angle = get_number(values, f"{axis}_fov")
+    else:
+        raise ValueError(f"fl_{axis} or camera_angle_{axis} is missing")
+    return transforms.focal_length(angle) * side / 2.0
+
+
+def write_transforms(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
+    """Write ``transforms.json``, or raise ``ValueError``."""
+    listed = [_split_frame(camera, FORMAT) for camera in cameras]
+    inner = [list_intrinsics(intrinsics) for intrinsics, _ in listed]
+    models = {one["camera_model"] for one in inner}
+    if len(models) > 1:
+        raise ValueError(
+            f"cameras must have lenses of one model for {FORMAT}, got {', '.join(sorted(models))}"
+        )
+    frames = [frame for _, frame in listed]
+    if all(one == inner[0] for one in inner):
+        document = inner[0]
+    else:
+        document = {"camera_model": inner[0]["camera_model"]}
+        for frame, one in zip(frames, inner, strict=True):
+            frame |= {key: value for key, value in one.items() if key not in document}
+    _write(file, {**document, "frames": frames})
+
+
+def write_blender(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
+    """Write a JSON file as those of NeRF's synthetic scenes, or raise ``ValueError``."""
+    listed = [_split_frame(camera, BLENDER) for camera in cameras]
+    first = listed[0][0]
+    for camera, (intrinsics, frame) in zip(cameras, listed, strict=True):
+        is_plain = intrinsics.is_centered and math.isclose(intrinsics.fx, intrinsics.fy)
+        refuse(
+            not is_plain or intrinsics.lens is not None,
+            camera,
+            "must have square pixels, its principal point in the middle of the image and no lens "
+            f"for {BLENDER}, got {intrinsics}",
+        )
+        is_same = intrinsics.size == first.size and math.isclose(intrinsics.fx, first.fx)
+        refuse(not is_same, camera, f"must have the size and focal length of others for {BLENDER}")
+        is_png = camera.name.endswith(DEFAULT_SUFFIX)
+        refuse(not is_png, camera, f"must have an image {DEFAULT_SUFFIX} for {BLENDER}")
+        frame["file_path"] = camera.name.removesuffix(DEFAULT_SUFFIX)
+        has_dot = PurePosixPath(frame["file_path"]).suffix
+        refuse(bool(has_dot), camera, f"must have one suffix for {BLENDER}")
+    angle = list_intrinsics(first)["camera_angle_x"]
+    _write(file, {"camera_angle_x": angle, "frames": [frame for _, frame in listed]})
+
+
+def _split_frame(camera: CalibratedCamera, file_format: str) -> tuple[Intrinsics, dict[str, Any]]:
+    """Return the intrinsics and the frame of a camera, or raise ``ValueError``."""
+    refuse(not camera.name, camera, f"must have the name of its image for {file_format}")
+    intrinsics, _ = split_camera(camera)
+    refuse_skew(camera, intrinsics, file_format)
+    pose = transforms.inverse(camera.camera.view_matrix()).tolist()
+    return intrinsics, {"file_path": camera.name, "transform_matrix": pose}
+
+
+def list_intrinsics(intrinsics: Intrinsics) -> dict[str, Any]:
+    """Return intrinsics by nerfstudio's keys, or raise ``ValueError``."""
+    (width, height), fx, fy, _, cx, cy, lens = intrinsics
+    angles = [transforms.arc_tangent(side, 2.0 * f) for side, f in ((width, fx), (height, fy))]
+    document = {
+        "camera_model": "OPENCV",
+        "camera_angle_x": math.radians(2.0 * angles[0]),
+        "camera_angle_y": math.radians(2.0 * angles[1]),
+        "fl_x": fx,
+        "fl_y": fy,
+        "cx": cx,
+        "cy": cy,
+        "w": width,
+        "h": height,
+    }
+    if isinstance(lens, Equirectangular):
+        return document | {"camera_model": PANORAMA}
+    if lens is None:
+        return document
+    names = EQUIDISTANT if isinstance(lens, FisheyeLens) else RADIAL_AND_TANGENTIAL
+    document |= zip(names, lens_coefficients(lens, names, FORMAT), strict=True)
+    if isinstance(lens, FisheyeLens):
+        document |= {"camera_model": "OPENCV_FISHEYE", "is_fisheye": True}
+    return document
+
+
+def _write(file: Path, document: dict[str, Any]) -> None:
+    """Write a JSON file."""
+    write_text(file, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
