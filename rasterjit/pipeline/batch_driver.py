@@ -4,7 +4,8 @@ Draw a batch of views in machine code, without returning to Python between them.
 All views of a thread use the same memory, so that argument blocks of kernels and stages are packed
 once. For each view a few arrays are copied into that memory (`LOAD_SOURCE` ...: matrices, lights),
 then the kernels are called by address. A view that exceeds the capacity for clipped faces or tile
-lists is skipped and reported: the caller draws it as a single frame.
+lists is skipped and reported: the caller draws it as a single frame. Effects that work in Python on
+what a view sees split its calls: `draw_views` makes those before, `finish_view` those after.
 """
 
 from __future__ import annotations
@@ -249,6 +250,21 @@ def draw_views(
         totals[n, COVERED], totals[n, CUT] = covered, clipped
         totals[n, LIT_PIXELS], totals[n, LIT_WHITE_PIXELS] = white[0], white[1]
         is_drawn[n] = 1
+
+
+@kernel
+def finish_view(number: int64, calls: int64[:, ::1], limits: int64[:, ::1]):
+    """
+    Run the calls of a view that follow a step in Python; return whether no capacity was exceeded.
+
+    Parameters
+    ----------
+    number : int
+        The view's number in the batch.
+    calls, limits
+        As `draw_views` takes them.
+    """
+    return run_calls(calls, limits, number)
 
 
 @kernel

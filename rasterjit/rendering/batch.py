@@ -116,15 +116,15 @@ def render_batch(
     Each view has the bits that `rasterjit.render` gives of it alone. Made for thousands of small
     pictures: what views have in common is decided and prepared once, and views are shared among
     threads. They are drawn in machine code from view to view, with 1 to 16 samples a pixel, any
-    lights without shadows, alpha masks, transparency (at one sample), fog, environments, tone
-    curves, ambient occlusion, outlines and vignettes. Views with shadows, whose maps are fitted to
-    what each view sees, and with edges, a picture behind, exact areas or averaged pictures
-    (``samples``), a bound on layers (``transparency_layers``) or colours mixed as codes
-    (``blending``) are drawn one by one, as `render` draws them, in about its time. Memory beyond
-    the result does not grow with the number of views. What is prepared is kept with a scene or a
-    mesh, and used again by the next call as far as it and arguments are the same. Ctrl-C ends it
-    when the views are done that threads are just drawing. There is no lens, max_error, diagnose or
-    motion: `rasterjit.render` has them.
+    lights, alpha masks, transparency (at one sample), fog, environments, tone curves, ambient
+    occlusion, outlines and vignettes; only shadow maps are fitted by Python to what each view sees.
+    Views with edges, a picture behind, exact areas or averaged pictures (``samples``), a bound on
+    layers (``transparency_layers``) or colours mixed as codes (``blending``) are drawn one by one,
+    as `render` draws them, in about its time. Memory beyond the result does not grow with the
+    number of views. What is prepared is kept with a scene or a mesh, and used again by the next
+    call as far as it and arguments are the same. Ctrl-C ends it when the views are done that
+    threads are just drawing. There is no lens, max_error, diagnose or motion: `rasterjit.render`
+    has them.
 
     Parameters
     ----------

@@ -8,8 +8,9 @@ recorded calls with their memory (``command_buffer.py``); matrices, lights and t
 with NumPy for the whole group (`PreparedGroup`), and copied there view by view
 (``pipeline/batch_driver.py``).
 
-Only plans whose stages read nothing else of a view are eligible: no shadows, no effects that
-analyse the picture by more than kernels; see `can_batch`. The caller draws other views one by one.
+Only plans whose stages read nothing else of a view, but for records that effects fill in Python
+(`BatchedEffect.fill_record`), are eligible; see `can_batch`. The caller draws other views one by
+one.
 
 Results are cached until the scene is gone, or other scenes need the memory (`MAX_CACHED_BYTES`),
 and reused as far as a new plan confirms that they are valid (`is_reusable`).
@@ -39,6 +40,7 @@ from rasterjit.pipeline.batch_driver import (
 from rasterjit.rendering import view_warnings
 from rasterjit.rendering.command_buffer import (
     CommandBuffer,
+    ViewContents,
     estimate_bytes,
     make_view_fields,
     pack_words,
@@ -149,6 +151,7 @@ class PreparedGroup(NamedTuple):
     """(N, L, 13): the rows of all lights."""
     kinds: list[tuple | None]
     """The kind of each view; None: it must be drawn alone."""
+    contents: list[ViewContents]
     clip_warnings: dict[int, dict[str, str]]
     """Warnings of views in which a given plane clips something, by index."""
 
@@ -275,6 +278,7 @@ class BatchScheduler:
             moved_cameras, self.options.size, eyes, views, measures.in_view,
             self.cache.shapes.boxes,
             lambda: [self._scene_of(n) for n in (numbers if places is not None else numbers[:1])],
+            self.cache.tables.inventory,
         )  # fmt: skip
         kinds = find_kinds(
             self.scene, group, [kind for kind, _ in visible], self.is_colored,
@@ -291,7 +295,8 @@ class BatchScheduler:
         fields["coefficients"] = coefficients
         words = {name: pack_words(values) for name, values in fields.items()}
         lights = self._light_rows(moved_cameras[0], view, eyes)
-        return PreparedGroup(words, lights, kinds, clip_warnings)
+        contents = [*map(ViewContents, moved_cameras, measures.in_view)]
+        return PreparedGroup(words, lights, kinds, contents, clip_warnings)
 
     def _are_spheres_beyond(self, places: ObjectTransforms) -> NDArray[np.bool_]:
         """Tell in which views, (N,), or (1,) for all alike, spheres extend beyond their boxes."""
@@ -500,7 +505,10 @@ class GroupRenderer:
             if commands is None:
                 continue
             pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
-            totals, is_drawn[chosen] = commands.draw(prepared.fields, prepared.lights, pairs)
+            contents = [prepared.contents[n] for n in chosen]
+            totals, is_drawn[chosen] = commands.draw(
+                prepared.fields, prepared.lights, pairs, contents
+            )
             counts[chosen] = count_chosen(totals, self._faces)
             lit, white = totals[:, LIT_PIXELS], totals[:, LIT_WHITE_PIXELS]
             for n in np.flatnonzero(2 * white > lit).tolist():
@@ -567,7 +575,7 @@ def can_batch(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
         if one.effect.places or isinstance(one.effect, ScreenEffect)
     ):
         return False
-    if not all(map(_depends_on_camera_alone, scene.lights)):
+    if not all(type(light) in LIGHT_TYPES for light in scene.lights):
         return False
     return all(name in BY_KERNEL or is_attribute(name) for name in plan.outputs) and all(
         cache.shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)[1] is None
@@ -580,11 +588,6 @@ def _mixes_in_batches(layers: PixelLayers) -> bool:
     if layers.mixes_codes or layers.samples == "area":
         return False
     return not layers.has_blended or (layers.samples == 1 and layers.most is None)
-
-
-def _depends_on_camera_alone(light: Light) -> bool:
-    """Tell whether a light's row follows from the camera; shadow maps need the visible depths."""
-    return type(light) in LIGHT_TYPES and getattr(light, "shadow", None) is None
 
 
 def kind_of(contents: ObjectCounts) -> tuple:
@@ -623,7 +626,7 @@ def find_kinds(
     """
     count = len(contents)
     reached = np.zeros((count, 0), np.bool_)
-    has_effects: NDArray[Any] = np.zeros((count, len(VIEW_DEPENDENT_EFFECTS)), np.bool_)
+    has_effects = np.zeros((count, len(VIEW_DEPENDENT_EFFECTS)), np.int8)
     if is_colored:
         reached = find_reaching_lights(scene.lights, group)
         for n, effect in enumerate(VIEW_DEPENDENT_EFFECTS):
@@ -755,7 +758,11 @@ def is_reusable(recorded: RenderPlan, planned: RenderPlan) -> bool:
 
 def _shared_effects(plan: RenderPlan) -> list[tuple[Any, int]]:
     """Return the effects, with the identity of data that all views share."""
-    return [(one.effect, id(one.data) * one.effect.needs_facts_only) for one in plan.planned]
+    return [
+        # What fills records reads nothing else than facts, such as lights, which are compared.
+        (effect, id(data) * (effect.needs_facts_only and not effect.fills_record))
+        for effect, data in ((one.effect, one.data) for one in plan.planned)
+    ]
 
 
 def _shared_lights(plan: RenderPlan) -> tuple[int, bytes] | None:

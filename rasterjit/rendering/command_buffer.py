@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,7 +60,8 @@ from rasterjit.rendering.resolve_layers import (
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.stage_runner import StageList
 from rasterjit.runtime.state_block import WORD
-from rasterjit.runtime.threads import Memory, ReusedMemory
+from rasterjit.runtime.threads import Memory, ReusedMemory, Workers
+from rasterjit.scene.camera import Camera
 from rasterjit.survey.batched_views import BatchTransforms
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import (
@@ -97,16 +100,16 @@ def estimate_bytes(plan: RenderPlan, cache: SceneCache) -> int:
     arrays, (width, height) = cache.shapes.arrays, plan.size
     _, new_vertices = clip_capacity(len(arrays.faces))
     per_face, per_vertex, per_new, per_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
-    per_column = 0
+    per_column = of_effects = 0
     if plan.layers is not None and plan.layers.has_blended:
         per_column = (8 * MAX_LAYERS + 4) * TILE_SIZE + 4 * 16 * MAX_LAYERED_ROWS
     elif plan.layers is not None:
         per_sample = 4 * TILE_SIZE + 8 * MAX_OPAQUE_ROWS
         per_column = int(plan.layers.samples) * per_sample + 52 * MAX_OPAQUE_ROWS
     for planned in plan.planned:
-        for _, channels, kind, _ in planned.effect.buffers(plan):
-            per_pixel += channels * np.dtype(kind).itemsize
-    return (
+        for _, channels, kind, (columns, rows) in planned.effect.buffers(plan):
+            of_effects += channels * np.dtype(kind).itemsize * columns * rows
+    return of_effects + (
         per_face * len(arrays.faces) + per_vertex * len(arrays.positions) + per_new * new_vertices
         + per_pixel * width * height + per_column * width
     )  # fmt: skip
@@ -168,6 +171,15 @@ def make_view_fields(
     }
 
 
+class ViewContents(NamedTuple):
+    """What steps in Python know of a view."""
+
+    camera: Camera
+    """With near and far planes chosen."""
+    in_view: NDArray[np.bool_]
+    """(O,): which objects may be seen."""
+
+
 class TileBins(NamedTuple):
     """Input and output arrays of binning."""
 
@@ -214,11 +226,13 @@ class CommandBuffer:
         self._output_addresses: list[tuple[str, int]] = []
         self._white_counts = np.zeros(2, np.int64)
         self._loaded_arrays: list[tuple[str, NDArray[Any], int, int]] = []
+        self._steps: list[tuple[int, Callable[[ViewContents], bool]]] = []
         self._record_visibility()
         if plan.facts.is_colored:
             self._record_shading()
         self._record_outputs()
-        self._table, self._limits = self._calls.table(), self._calls.limits()
+        table, self._limits = self._calls.table(), self._calls.limits()
+        self._tables = np.split(table, [first for first, _ in self._steps])
 
     @property
     def facts(self) -> Facts:
@@ -232,7 +246,7 @@ class CommandBuffer:
 
     def draw(
         self, fields: Mapping[str, NDArray[np.int64]], lights: NDArray[np.float32],
-        chosen: NDArray[np.int64],
+        chosen: NDArray[np.int64], contents: Sequence[ViewContents],
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:  # fmt: skip
         """
         Draw some of the prepared views.
@@ -245,6 +259,8 @@ class CommandBuffer:
             The rows of all lights.
         chosen : (n, 2) int64
             The index of each view in ``fields``, and its number in the batch.
+        contents : sequence of ViewContents
+            Of each of the n views.
 
         Returns
         -------
@@ -261,29 +277,50 @@ class CommandBuffer:
                 raise RuntimeError(f"{name} of a view must have {size} words, got {words.shape[1]}")
             step = words.strides[0] if len(words) > 1 else 0
             loads.append((words.ctypes.data, step, target, size))
-        return self._draw(chosen, np.array(loads, np.int64))
+        return self._draw(chosen, np.array(loads, np.int64), contents)
 
-    def draw_one(self, values: Mapping[str, Any]) -> NDArray[np.int64] | None:
-        """Draw a view, given its arrays; return its totals, (9,), None if capacity is exceeded."""
+    def draw_one(
+        self, values: Mapping[str, Any], contents: ViewContents
+    ) -> NDArray[np.int64] | None:
+        """Draw a view of given arrays; return its totals, (9,), None if it must be drawn alone."""
         # Some arrays are loaded as float32.
         with np.errstate(over="ignore"):
             for name, memory, _, _ in self._loaded_arrays:
                 memory[...] = values[name]
-        totals, is_drawn = self._draw(FIRST_VIEW, NO_LOADS)
+        totals, is_drawn = self._draw(FIRST_VIEW, NO_LOADS, [contents])
         return totals[0] if is_drawn[0] else None
 
     def _draw(
-        self, chosen: NDArray[np.int64], loads: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        self, chosen: NDArray[np.int64], loads: NDArray[np.int64],
+        contents: Sequence[ViewContents],
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:  # fmt: skip
         """Draw views, given the copies to make for each; return what `draw` does."""
         totals = np.zeros((len(chosen), batch_driver.TOTAL_COUNT), np.int64)
         is_drawn = np.zeros(len(chosen), np.uint8)
-        batch_driver.draw_views(
-            chosen, loads, self._visibility_calls, self._clipping, self._binning,
-            self._sample_binning, self._tile_depths, self._face_id, self._table, self._limits,
-            self._white_counts, totals, is_drawn,
-        )  # fmt: skip
+        # With steps in Python between the calls, draw view by view.
+        count = 1 if self._steps else len(chosen)
+        for n in range(0, len(chosen), count):
+            part = slice(n, n + count)
+            batch_driver.draw_views(
+                chosen[part], loads, self._visibility_calls, self._clipping, self._binning,
+                self._sample_binning, self._tile_depths, self._face_id, self._tables[0],
+                self._limits[:0] if self._steps else self._limits, self._white_counts,
+                totals[part], is_drawn[part],
+            )  # fmt: skip
+            if self._steps and is_drawn[n]:
+                is_drawn[n] = self._finish_view(int(chosen[n, 1]), contents[n])
+                totals[n, batch_driver.LIT_PIXELS :] = self._white_counts
         return totals, is_drawn.astype(np.bool_)
+
+    def _finish_view(self, number: int, contents: ViewContents) -> bool:
+        """Make the steps in Python, and the calls behind each; return whether all is drawn."""
+        for (_, step), table in zip(self._steps, self._tables[1:], strict=True):
+            if not step(contents):
+                return False
+            limits = self._limits if table is self._tables[-1] else self._limits[:0]
+            if not batch_driver.finish_view(number, table, limits):
+                return False
+        return True
 
     def _loaded_array(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
         """Allocate an array that is loaded for each view."""
@@ -542,10 +579,27 @@ class CommandBuffer:
         """Record calls that prepare effects; yield the active effects."""
         for planned in self._plan.planned:
             if planned.effect.places and isinstance(planned.effect, BatchedEffect):
-                record = planned.effect.prepare_batch(self._plan, planned.data, self._loaded_array)
-                if isinstance(planned.effect, ScreenEffect):
-                    record = planned.effect.prepare(context, record, ())
-                yield ActiveEffect(planned.effect, record)
+                effect = planned.effect
+                record = effect.prepare_batch(self._plan, planned.data, self._loaded_array)
+                if effect.fills_record:
+                    step = partial(self._fill_record, effect, planned.data, record, context)
+                    self._steps.append((self._calls.count, step))
+                elif isinstance(effect, ScreenEffect):
+                    record = effect.prepare(context, record, ())
+                yield ActiveEffect(effect, record)
+
+    def _fill_record(
+        self, effect: BatchedEffect, data: Any, record: Any, context: FrameContext,
+        contents: ViewContents,
+    ) -> bool:  # fmt: skip
+        """Fill an effect's record for a view whose faces are found."""
+        camera, in_view = contents
+        facts = replace(self._plan.facts, in_view=in_view)
+        plan = self._plan.for_picture(camera=camera, facts=facts)
+        workers = Workers(1)
+        return effect.fill_record(
+            context._replace(plan=plan, workers=workers, view_arrays=None), data, record
+        )
 
     def _record_layers(
         self,

@@ -400,6 +400,11 @@ class RecordedCalls:
         self._limits: list[tuple[int, int]] = []
         self._block = block_memory(BLOCK)
 
+    @property
+    def count(self) -> int:
+        """Number of calls so far."""
+        return len(self._calls)
+
     def bind(self, kernel: Any, *arguments: Any) -> Bound:
         """Bind a kernel to its arguments, without a call, and keep these alive."""
         bound = Bound(kernel, *arguments)

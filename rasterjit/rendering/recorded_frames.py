@@ -28,6 +28,7 @@ from rasterjit.rendering.batch_scheduler import (
 from rasterjit.rendering.command_buffer import (
     LIGHT_ROWS,
     CommandBuffer,
+    ViewContents,
     estimate_bytes,
     make_view_fields,
 )
@@ -98,7 +99,8 @@ class RecordedFrames:
             shape, dtype = find_array_spec(name, planned.plan.size, planned.plan.facts.attributes)
             outputs[name] = memory.empty(shape, np.dtype(dtype))
         commands.write_to(outputs)
-        totals = commands.draw_one(dict(list_view_fields(planned)))
+        contents = ViewContents(planned.plan.camera, planned.plan.facts.in_view)
+        totals = commands.draw_one(dict(list_view_fields(planned)), contents)
         if totals is None:
             # The view exceeds the capacity, as the next of its kind probably would.
             self._commands = None
@@ -177,8 +179,9 @@ def list_view_fields(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
         )  # fmt: skip
         in_view, boxes = plan.facts.in_view[np.newaxis], cache.shapes.boxes
         group = ViewGroup(
-            [plan.camera], plan.size, eye, batched_views, in_view, boxes, lambda: [planned.scene]
-        )
+            [plan.camera], plan.size, eye, batched_views, in_view, boxes, lambda: [planned.scene],
+            plan.facts.inventory,
+        )  # fmt: skip
         for effect in effects:
             for name, values in effect.compute_view_arrays(planned.scene, group).items():
                 yield name, values[0]

@@ -18,9 +18,13 @@ from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.clip_planes import RELATIVE_ERROR
+from rasterjit.survey.object_counts import Inventory
 from rasterjit.survey.object_transforms import ObjectTransforms, transform_boxes, transform_objects
 
 Float64 = NDArray[np.float64]
+
+NEAR_MIDDLE = np.array((0.0, 0.0, -1.0, 1.0))
+"""Middle of the near plane, clip space."""
 
 
 class BatchTransforms(NamedTuple):
@@ -56,21 +60,23 @@ class ViewGroup:
         Low and high corner of each object, model space; NaN for one without any.
     scenes : callable
         Returns the scene of each view, or one for all.
+    inventory : Inventory
+        Of the objects.
     """
 
     def __init__(
         self, cameras: Sequence[Camera], size: tuple[int, int], eyes: Float64,
         views: BatchTransforms, in_view: NDArray[np.bool_], bounds: Float64,
-        scenes: Callable[[], Sequence[Scene]],
+        scenes: Callable[[], Sequence[Scene]], inventory: Inventory,
     ) -> None:  # fmt: skip
         self.cameras, self.size, self.scenes = cameras, size, scenes
         self.eyes, self.views, self.in_view = eyes, views, in_view
-        self._bounds = bounds
+        self.bounds, self.inventory = bounds, inventory
 
     @cached_property
     def corners(self) -> Float64:
         """The corners of all boxes, (N, O, 8, 3), world axes, relative to the eye."""
-        return _transform_batched_boxes(self._bounds, self.views.relative_from_model)
+        return _transform_batched_boxes(self.bounds, self.views.relative_from_model)
 
     @cached_property
     def is_unsure(self) -> NDArray[np.bool_]:
@@ -85,6 +91,15 @@ class ViewGroup:
             unit = units[n if len(units) == count else 0]
             matrices[n] = build_unprojection_matrix(self.cameras[n], self.size, unit)
         return matrices
+
+    def compute_near_middles(self) -> Float64:
+        """Return the middle of each near plane, (N, 3), world axes, relative to the eye, or NaN."""
+        with np.errstate(all="ignore"):
+            try:
+                x, y, z, w = (np.linalg.inv(self.views.clip_from_relative) @ NEAR_MIDDLE).T
+            except np.linalg.LinAlgError:
+                return np.full((len(self.cameras), 3), np.nan)
+            return np.stack((x / w, y / w, z / w), axis=1)
 
     def compute_max_distance(self) -> Float64:
         """Return the distance from each eye, (N,), scene units, of the farthest point in view."""

@@ -171,6 +171,8 @@ class Effect:
         them too.
     needs_facts_only : bool
         Whether its decision depends on facts alone, and is reused while they hold.
+    fills_record : bool
+        Whether Python fills its record in recorded calls: see `BatchedEffect`.
     places : dict of function
         Its functions, by place; see ``PLACES``.
     """
@@ -182,6 +184,7 @@ class Effect:
     term = ""
     settings: tuple[str, ...] = ()
     needs_facts_only = False
+    fills_record = False
     places: ClassVar[Mapping[str, Callable[..., Any]]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -281,22 +284,39 @@ class ModalEffect(Effect):
         raise NotImplementedError
 
 
+UNDECIDED = 2
+"""In `BatchedEffect.decide_views`: draw this view alone, by a plan of its own."""
+
+
 class BatchedEffect(Effect):
     """
-    An effect that batches and recorded frames run as recorded calls, without Python in between.
+    An effect that batches and recorded frames run as recorded calls.
 
     Its record depends only on the plan (`prepare_batch`) and on arrays derived from the camera and
     the transforms of each view (`compute_view_arrays`). Of a `ScreenEffect`, `prepare` is
-    recorded: it calls kernels alone, and gets per-view values by `FrameContext.per_view`.
+    recorded: it calls kernels alone, and gets per-view values by `FrameContext.per_view`; or,
+    if ``fills_record``, Python fills the record between recorded calls (`fill_record`).
     """
 
     def decide_views(self, scene: Scene, group: ViewGroup) -> Any:
         """
         Return which of N views with shaded faces need the effect, (N,) bool, or one bool for all.
 
-        For effects that depend on more than the facts and object counts of a view.
+        For effects that depend on more than the facts and object counts of a view. `UNDECIDED`
+        (then the array is int8) stands for views that only a plan of their own decides.
         """
         return True
+
+    def fill_record(self, context: FrameContext, data: Any, record: Any) -> bool:
+        """
+        Fill the arrays of the record of `prepare_batch` for a view, from its visible faces.
+
+        Returns
+        -------
+        bool
+            Whether the view has a record of this kind; if not, it must be drawn alone.
+        """
+        raise NotImplementedError
 
     def prepare_batch(self, plan: RenderPlan, data: Any, view_arrays: ViewArrays) -> Any:
         """

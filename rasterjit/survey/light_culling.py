@@ -35,6 +35,7 @@ from rasterjit.scene.light import (
     unit_vector,
 )
 from rasterjit.scene.reference_shader import DepthMap, ReferenceShading
+from rasterjit.scene.scene import Scene
 from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.blocked_lights import Enclosures
 from rasterjit.survey.object_transforms import Boxes
@@ -240,12 +241,7 @@ class _LightScene:
 
     def blocking_object(self, light: Any) -> int | None:
         """Return the closed object that blocks a light from all that is visible, if any."""
-        low, high = self.ends
-        if isinstance(light, DirectionalLight):
-            light_end, has_end = -np.array(light.direction), False
-        else:
-            light_end, has_end = np.array(light.position) - self.eye, True
-        return self._enclosures.find_separating_object(light_end, has_end, low, high)
+        return _find_blocker(light, self.eye, self._enclosures, *self.ends)
 
     def is_shaded(self, light: Any, shadow: Shadow, lit: NDArray[np.bool_] | None) -> bool:
         """Tell whether any object may cast a shadow on those that a light reaches, (O,) or all."""
@@ -353,17 +349,57 @@ def find_reaching_lights(lights: Sequence[Light], group: ViewGroup) -> NDArray[n
     for n, light in enumerate(lights):
         if light.intensity == 0.0 or not any(light.color):
             continue
-        is_reached = np.ones_like(group.in_view)
-        if getattr(light, "range", None) is not None:
-            is_reached &= _is_in_range(light, group.eyes, *bound_corners(group.corners))
-        if isinstance(light, SpotLight):
-            is_reached &= _is_in_cone(light, group.eyes, group.corners)
-        if is_reached.all():
-            is_lit[:, n] = True
-            continue
-        lit = group.in_view & is_reached | group.is_unsure
-        is_lit[:, n] = lit.any(axis=1)
+        is_lit[:, n] = (_find_reached_objects(light, group) & group.in_view).any(axis=1)
     return is_lit
+
+
+def _find_reached_objects(light: Light, group: ViewGroup) -> NDArray[np.bool_]:
+    """Tell which objects in view a light may reach, (N, O); of others nothing is said."""
+    is_reached = np.ones_like(group.in_view)
+    if getattr(light, "range", None) is not None:
+        is_reached &= _is_in_range(light, group.eyes, *bound_corners(group.corners))
+    if isinstance(light, SpotLight):
+        is_reached &= _is_in_cone(light, group.eyes, group.corners)
+    return is_reached if is_reached.all() else is_reached | group.is_unsure
+
+
+def are_all_shadows_cast(scene: Scene, group: ViewGroup) -> NDArray[np.bool_]:
+    """
+    Tell of each view, (N,), whether `plan_lights` surely keeps the shadows of all lights there.
+
+    They are kept where a light reaches an object with a volume, which may shade itself, and no
+    object may enclose the eye.
+    """
+    lights = [light for light in scene.lights if getattr(light, "shadow", None) is not None]
+    is_solid = group.inventory.casts_shadows & (group.bounds[:, 0] < group.bounds[:, 1]).all(axis=1)
+    is_cast = np.ones(len(group.in_view), np.bool_)
+    for light in lights:
+        is_lit = group.in_view & _find_reached_objects(light, group)
+        is_cast &= (is_lit & is_solid).any(axis=1)
+    # Find objects that enclose the eye: hardly any box holds the middle of the near plane.
+    low, high = bound_corners(group.corners)
+    middle = group.compute_near_middles()[:, np.newaxis]
+    with np.errstate(invalid="ignore"):
+        error = _box_error(low, high)[..., np.newaxis]
+        # NaN counts as unsure.
+        is_outside = np.any((middle < low - error) | (middle > high + error), axis=2)
+    meshes = [node.mesh for node in scene.nodes]
+    for n in np.flatnonzero(is_cast & ~np.all(is_outside, axis=1)).tolist():
+        views = group.views.relative_from_model[n], group.views.clip_from_relative[n]
+        enclosures, ends = Enclosures(meshes, group.inventory.is_wall, *views), (low[n], high[n])
+        blockers = [_find_blocker(light, group.eyes[n], enclosures, *ends) for light in lights]
+        is_cast[n] = all(blocker is None for blocker in blockers)
+    return is_cast
+
+
+def _find_blocker(
+    light: Any, eye: NDArray[np.float64], enclosures: Enclosures, low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> int | None:  # fmt: skip
+    """Return the closed object that blocks a light from all that is visible, if any."""
+    if isinstance(light, DirectionalLight):
+        return enclosures.find_separating_object(-np.array(light.direction), False, low, high)
+    return enclosures.find_separating_object(np.array(light.position) - eye, True, low, high)
 
 
 def _filter_radius(shadow: Shadow, first: NDArray[np.float64], last: NDArray[np.float64]) -> float:

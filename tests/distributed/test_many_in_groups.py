@@ -263,7 +263,7 @@ def test_the_rule_says_how_many_are_drawn_in_one_go():
     scene.eye_dome, scene.fog = None, rj.Fog(density=0.2)
     assert decided(scene) == batch.MAX_VIEWS_PER_GROUP
     scene.lights = [rj.DirectionalLight(shadow=rj.Shadow(64))]
-    assert decided(scene) == 1
+    assert decided(scene) == batch.MAX_VIEWS_PER_GROUP
     large = rj.Scene()
     large.add(rj.Mesh(np.random.default_rng(0).random((99, 3)), np.zeros((140_000, 3), int)))
     with warnings.catch_warnings():

@@ -132,9 +132,9 @@ def on_a_floor():
     return scene
 
 
-def in_shadow():
+def in_shadow(make_scene=on_a_floor):
     """Return objects in the shadows of lights of each kind with each filter."""
-    scene = on_a_floor()
+    scene = make_scene()
     scene.lights = []
     for kind in ("hard", "pcf", "soft"):
         shadow = rj.Shadow(32, filter=kind, light_size=0.5 if kind == "soft" else None)
@@ -279,6 +279,10 @@ BATCHED_EFFECTS = {
     "occlusion, samples": case(
         on_a_floor, quality=SAMPLES, change={"ambient_occlusion": rj.AmbientOcclusion(0.5)},
     ),
+    "shadows": case(in_shadow, outputs=LIGHT),
+    "shadows of samples": case(in_shadow, quality=SAMPLES),
+    "shadows under glass": case(lambda: in_shadow(glassy), outputs=LIGHT),
+    "shadows of holes": case(lambda: in_shadow(holes), outputs=LIGHT),
     "nothing of glass": case(glassy, outputs=("depth", "object_id")),
 }  # fmt: skip
 """What batches draw in groups, if they may."""
@@ -296,8 +300,13 @@ ONE_BY_ONE = {
     "wireframe": case(change={"wireframe": rj.Wireframe()}),
     "eye dome": case(change={"eye_dome": rj.EyeDome()}, outputs=("color",)),
     "section": case(change={"section": rj.SectionPlane((0.1, 0, 0), (1, 0.2, 0.1), lines=True)}),
-    "shadows": case(in_shadow, outputs=LIGHT),
-    "shadows of samples": case(in_shadow, quality=SAMPLES),
+    "shadows of some": case(
+        lambda: row_of_cubes([
+            rj.PointLight((-4, 1, 2), range=6.0, shadow=rj.Shadow(32)),
+            rj.DirectionalLight((-1, -2, -1), shadow=rj.Shadow(32)),
+        ]),
+        cameras=ALONG, outputs=LIGHT,
+    ),
     "picture behind": case(background=np.full((44, 72, 3), 99, np.uint8)),
     "lines and points": case(lines_and_points, outputs=("color", "depth", "face_id")),
     "lines and points, areas": case(lines_and_points, quality=QUALITY(samples="area")),

@@ -26,8 +26,8 @@ def draws(monkeypatch):
     """The frames that bound calls drew: whether each fitted in its memory."""
     fits, draw = [], CommandBuffer.draw_one
 
-    def noted(commands, values):
-        totals = draw(commands, values)
+    def noted(commands, *values):
+        totals = draw(commands, *values)
         fits.append(totals is not None)
         return totals
 
@@ -48,6 +48,7 @@ def same(frame, other):
         ("tone_map", rj.ToneMap(exposure=0.5)),
         ("lights", [rj.PointLight((1.0, 3.0, 2.0), intensity=20.0), rj.DirectionalLight()]),
         ("vignette", rj.Vignette()),
+        ("lights", [rj.PointLight((1.0, 3.0, 2.0), intensity=20.0, shadow=rj.Shadow(64))]),
     ],
 )
 def test_the_third_of_small_frames_is_drawn_by_bound_calls(draws, name, value):

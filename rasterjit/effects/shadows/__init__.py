@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.effects.shadows import filters, maps, receivers, visible_cells
 from rasterjit.effects.shadows import stage as shadows_stage
@@ -27,9 +28,23 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight, Light, Shadow
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import FrameContext, Planning, ScreenEffect, with_field
+from rasterjit.survey.batched_views import ViewGroup
+from rasterjit.survey.effect import (
+    UNDECIDED,
+    BatchedEffect,
+    FrameContext,
+    Planning,
+    ScreenEffect,
+    ViewArrays,
+    with_field,
+)
 from rasterjit.survey.facts import Facts, describe_changed_settings
-from rasterjit.survey.light_culling import BYTES_PER_TEXEL, CastingLight, has_cube
+from rasterjit.survey.light_culling import (
+    BYTES_PER_TEXEL,
+    CastingLight,
+    are_all_shadows_cast,
+    has_cube,
+)
 from rasterjit.survey.object_transforms import transform_boxes
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.quality_overrides import override_shadow
@@ -85,7 +100,7 @@ def can_skip_turned_away(needs: ShadingNeeds) -> bool:
     return not (needs.layers or needs.transmission or needs.pyrender)
 
 
-class ShadowMaps(ScreenEffect):
+class ShadowMaps(ScreenEffect, BatchedEffect):
     """Multiply each light by its visibility in its shadow map."""
 
     name = "shadows"
@@ -93,6 +108,7 @@ class ShadowMaps(ScreenEffect):
     scope = "whole"
     settings = ("shadow_size", "shadow_taps")
     needs_facts_only = True
+    fills_record = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why no light casts shadows on visible surfaces."""
@@ -132,6 +148,38 @@ class ShadowMaps(ScreenEffect):
 
     def prepare(self, context: FrameContext, data: Any, seen: Views) -> maps.ShadowRecord | None:
         """Fit the maps to visible surfaces and draw them; ``None`` if there are none."""
+        return self._draw(context, seen)
+
+    def decide_views(self, scene: Scene, group: ViewGroup) -> NDArray[np.int8] | bool:
+        """Return where the shadows of all lights are cast; where it is not sure, a plan decides."""
+        if not any(getattr(light, "shadow", None) for light in scene.lights):
+            return False
+        return np.where(are_all_shadows_cast(scene, group), 1, UNDECIDED).astype(np.int8)
+
+    def prepare_batch(
+        self, plan: RenderPlan, data: maps.PlannedShadows, view_arrays: ViewArrays
+    ) -> maps.ShadowRecord:
+        """Return a record with memory for the maps."""
+        return maps.allocate_record(list_mapped_lights(plan.facts))
+
+    def fill_record(
+        self, context: FrameContext, data: maps.PlannedShadows, record: maps.ShadowRecord
+    ) -> bool:
+        """Fit the maps to a view and draw them; return whether all lights have theirs."""
+        drawn = self._draw(context, [(context.plan.camera, self.analyse(context))], record.texels)
+        if drawn is None or (drawn.layouts != record.layouts).any():
+            return False
+        record.maps[:] = drawn.maps
+        for target, values in zip(record.cells, drawn.cells, strict=True):
+            if target is not None:
+                target[:] = values
+        return True
+
+    @staticmethod
+    def _draw(
+        context: FrameContext, seen: Views, memory: NDArray[np.float32] | None = None
+    ) -> maps.ShadowRecord | None:
+        """Return the maps, drawn into memory if there is any; ``None`` if there are none."""
         plan, cache, placement, workers = context[:4]
         facts, arrays = plan.facts, cache.shapes.arrays
         # Objects lit at their vertices need shadows at all of them.
@@ -155,9 +203,8 @@ class ShadowMaps(ScreenEffect):
         scenery = maps.collect_scenery(
             casters, always_lit, may_be_seen, np.concatenate(cells), plan.camera, plan.size
         )
-        normals = cache.tables.normals if plan.facts.shades_smoothly else None
         eye = plan.camera.eye_position()
-        return maps.draw_shadows(list_mapped_lights(facts), eye, scenery, normals, workers)
+        return maps.draw_shadows(list_mapped_lights(facts), eye, scenery, workers, memory)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the maps: those of a picture, with the lights as cameras."""
@@ -233,7 +280,7 @@ class ShadowMaps(ScreenEffect):
 
             def offset_arguments(a: ShadingArrays) -> tuple[Any, ...]:
                 light, matrices = a.lighting.lights[number], a.placement.relative_from_model
-                return light, shadows.normals, matrices
+                return light, a.surface.normals, matrices
 
             passes.append(Pass(receivers.offset_turned_away, offset_arguments))
             point = OFFSET_POINT
@@ -253,11 +300,10 @@ class ShadowMaps(ScreenEffect):
             return texels, size, sides, on_faces
 
         def soft_arguments(a: ShadingArrays) -> tuple[Any, ...]:
-            width = np.float32(shadows.maps[number][shadows_stage.WIDENING])
             tables = shadows.cells[number], shadows.pattern, shadows.spiral
             return (
                 *map_args(a),
-                width,
+                shadows.maps[number],
                 *tables,
                 a.lighting.lights[number] if turns_away else NO_LIGHT,
             )

@@ -126,6 +126,25 @@ def plan_shadows(lights: Sequence[CastingLight]) -> PlannedShadows:
     return PlannedShadows(layouts)
 
 
+def allocate_record(lights: Sequence[CastingLight]) -> ShadowRecord:
+    """Return a record with memory for the maps of all lights that cast shadows."""
+    layouts = plan_shadows(lights).layouts
+    count = 0
+    cells: list[NDArray[np.float32] | None] = [None] * len(lights)
+    for n, light in enumerate(lights):
+        if light.shadow is None:
+            continue
+        size, sides = light.shadow.size, int(layouts[n, shadows_stage.SIDES])
+        layouts[n, shadows_stage.FIRST_TEXEL : shadows_stage.MAP_SIDE + 1] = count, size
+        count += sides * size * size
+        if light.shadow.filter == "soft":
+            cells[n] = find_occlusion_limits(np.zeros((sides, size, size), np.float32), 1.0)
+    largest = int(layouts[:, shadows_stage.MAP_SIDE].max())
+    rows = np.zeros((len(lights), shadows_stage.MAP_COLUMNS))
+    texels = np.empty(count, np.float32)
+    return ShadowRecord(rows, layouts, texels, make_disk_points(), make_spiral(largest), cells)
+
+
 class ShadowRecord(NamedTuple):
     """The shadow maps of all lights; see ``stage`` for the columns."""
 
@@ -141,16 +160,14 @@ class ShadowRecord(NamedTuple):
     """(S, 2) float32, texels: where soft shadows search for blockers, from the nearest on."""
     cells: Any
     """L of (N,) float32: `find_occlusion_limits` of each soft light, or None."""
-    normals: Any
-    """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
 
 
 def draw_shadows(
     lights: Sequence[CastingLight],
     eye: Float64,
     scenery: Scenery,
-    normals: NDArray[np.float32] | None,
     workers: Workers,
+    memory: NDArray[np.float32] | None = None,
 ) -> ShadowRecord | None:
     """
     Draw the shadow maps of the lights that cast shadows on visible surfaces.
@@ -161,9 +178,9 @@ def draw_shadows(
         Those of ``Lighting.lights``, in that order.
     eye : (3,) float64, world space
     scenery : Scenery
-    normals : (V, 3) float32 or None
-        Vertex normals, if any object is smooth.
     workers : Workers
+    memory : (N,) float32, optional
+        For the texels of all maps that the lights may have.
 
     Returns
     -------
@@ -188,7 +205,7 @@ def draw_shadows(
     if not drawings:
         return None
     # Draw all maps into one array, and find the occlusion limits of soft ones.
-    texels = workers.memory.empty((count,), np.float32)
+    texels = workers.memory.empty((count,), np.float32) if memory is None else memory[:count]
     for n, _, shadow, part, matrix in drawings:
         map_texels = texels[part].reshape(shadow.size, shadow.size)
         _draw_map(matrix, rows[n], map_texels, scenery, workers)
@@ -198,9 +215,7 @@ def draw_shadows(
             light_texels = texels[first : first + sides * size * size].reshape(sides, size, size)
             cells[n] = find_occlusion_limits(light_texels, float(rows[n, shadows_stage.WIDENING]))
     largest = max(int(side) for side in layouts[:, shadows_stage.MAP_SIDE])
-    return ShadowRecord(
-        rows, layouts, texels, make_disk_points(), make_spiral(largest), cells, normals
-    )
+    return ShadowRecord(rows, layouts, texels, make_disk_points(), make_spiral(largest), cells)
 
 
 def _draw_map(

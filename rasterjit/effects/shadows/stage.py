@@ -326,7 +326,7 @@ def filter_penumbrae(block, count, texels, size, sides, widening, cells, pattern
 @stage
 def filter_soft(
     block: Block, count, texels: float32[::1], size: int64, sides: int64, on_faces: int64,
-    widening: float32, cells: float32[::1], pattern: float32[:, ::1], spiral: float32[:, ::1],
+    row: float64[::1], cells: float32[::1], pattern: float32[:, ::1], spiral: float32[:, ::1],
     light: float32[::1],
 ):  # fmt: skip
     """
@@ -336,8 +336,8 @@ def filter_soft(
     ----------
     block, count, texels, size, sides, on_faces
         As `filter_hard` takes them.
-    widening : float32
-        Column WIDENING of the light's row.
+    row : (23,) float64
+        The light's row of ``ShadowRecord.maps``.
     cells, pattern, spiral : (N,), (P, 2) and (S, 2) float32
         As ``ShadowRecord`` has them.
     light : (LIGHT_COLUMNS,) float32, or (0,)
@@ -346,7 +346,7 @@ def filter_soft(
     """
     if block.counts[rows.IS_LIT] == 0:
         return
-    s = block.samples
+    s, widening = block.samples, np.float32(row[WIDENING])
     facing = part(s, rows.TURNED_AWAY, 0, count)
     fill_row(facing, np.float32(1.0))
     if light.shape[0] > 0:
