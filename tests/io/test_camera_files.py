@@ -580,6 +580,9 @@ def test_a_model_does_not_replace_another(tmp_path):
         rj.save_cameras(tmp_path, cameras)
 
 
+BOMB = "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}' if n else '1'] * 9)}]\n" for n in range(9))
+"""Nine lists, each of nine times the one before it."""
+
 MIRRORED = np.diag([1, 1, -1, 1]).tolist()
 
 BROKEN = [
@@ -618,6 +621,9 @@ BROKEN = [
     ("o.yml", OPENCV_FILE + "fisheye_model: 1\n", "must be 4 numbers, got 5"),
     ("o.yml", "image_width: [1", "while parsing"),
     ("o.yml", "- 1", "keys and values"),
+    ("o.yml", "a: &a [*a]", "at most 10000000 values"),
+    ("o.yml", BOMB, "at most 10000000 values"),
+    ("o.yml", "[" * 3000, "recursion"),
     ("camchain.yaml", CHAIN.replace("  T_cn_cnm1:\n", "  T:\n"), "cam1: T_cn_cnm1 is missing"),
     ("camchain.yaml", CHAIN.replace("[640, 480]", "[640]"), "cam0: size must be"),
     ("camchain.yaml", CHAIN.replace("239.5", "no"), "cam0: intrinsics must be 4 finite"),

@@ -10,9 +10,14 @@ from rasterjit.io.gltf.json_checks import get_integer, get_list, quote
 from rasterjit.scene.arrays import Float64
 from rasterjit.scene.validation import finite_array
 
-MATRIX_TAG = "tag:yaml.org,2002:opencv-matrix"
+OPENCV_TAGS = "tag:yaml.org,2002:opencv-"
+"""Beginning of the tags of OpenCV's types; its matrices and others are mappings."""
 
-_FLOAT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.inf|\.nan", re.I)
+MAX_VALUES = 10_000_000
+"""Most values of a file, each counted as often as others name it."""
+
+FLOAT_TAG = "tag:yaml.org,2002:float"
+FLOAT = re.compile(r"(?:[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.inf|\.nan)$", re.I)
 """Numbers as YAML 1.2 has them: 1e-5 is one, which 1.1 took for a text."""
 
 
@@ -29,20 +34,33 @@ def read_yaml(file: Path) -> dict[str, Any]:
     class Loader(yaml.SafeLoader):
         """Plain values alone, and OpenCV's matrices as mappings."""
 
-    Loader.add_constructor(MATRIX_TAG, Loader.construct_yaml_map)
-    Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT_ALONE, list("-+.0123456789"))
+    Loader.add_multi_constructor(
+        OPENCV_TAGS, lambda loader, _, node: loader.construct_mapping(node, deep=True)
+    )
+    Loader.add_implicit_resolver(FLOAT_TAG, FLOAT, list("-+.0123456789"))
     lines = file.read_text("utf-8").splitlines(keepends=True)
     text = "".join(lines[1:] if lines and lines[0].startswith("%YAML") else lines)
     try:
         document = yaml.load(text, Loader)
     except yaml.YAMLError as error:
         raise ValueError(str(error)) from None
+    if _count_values(document, {}) > MAX_VALUES:
+        raise ValueError(f"it must hold at most {MAX_VALUES} values")
     if not isinstance(document, dict):
         raise ValueError(f"it must hold keys and values, got {quote(document)}")
     return document
 
 
-_FLOAT_ALONE = re.compile(rf"(?:{_FLOAT.pattern})$", re.I)
+def _count_values(value: Any, counted: dict[int, int]) -> int:
+    """Return how many values a value holds, those that it names several times as often."""
+    if not isinstance(value, (dict, list)):
+        return 1
+    if id(value) not in counted:
+        # What holds itself holds without end.
+        counted[id(value)] = MAX_VALUES
+        parts = value.values() if isinstance(value, dict) else value
+        counted[id(value)] = 1 + sum(_count_values(part, counted) for part in parts)
+    return counted[id(value)]
 
 
 def get_matrix(values: dict[str, Any], key: str) -> Float64:
