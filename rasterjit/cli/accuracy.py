@@ -67,28 +67,39 @@ def study_scene(what: str | Path, shown: RenderOptions, options: dict[str, Any])
         prepare_folder(output)
     except ValueError as error:
         raise click.BadOptionUsage("--output", f"--output: {error}") from None
-    size, camera = options["size"] or SIZE, None
+    size, camera = view.find_size(options["size"] or SIZE), None
     if isinstance(what, Path):
         scene, name = load_scene(what, look, effects, quiet), what.name
     else:
         made, name = make(what), what
-        scene, camera, size = made.scene, made.camera, options["size"] or made.size
+        scene, camera, size = made.scene, made.camera, view.find_size(options["size"] or made.size)
         look.apply(scene)
         effects.apply(scene)
     camera = view.camera(scene, size) or camera
     with _show_progress(quiet) as progress:
         found = study(
             scene, camera, size=size, progress=progress, output=output, name=name,
-            **{name: options[name] for name in STUDY_OPTIONS},
+            **_gather_study_options(shown, options),
         )  # fmt: skip
     if not quiet:
         _print_study(found, Path(output))
     return found
 
 
+def _gather_study_options(shown: RenderOptions, options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of the command that the study takes, with the lens of ``--camera``."""
+    calibrated = shown.view.calibrated()
+    lens = options["lens"] if calibrated is None else calibrated.lens
+    return {name: options[name] for name in STUDY_OPTIONS} | {"lens": lens}
+
+
 def study_files(folder: Path, shown: RenderOptions, options: dict[str, Any]) -> FolderStudy:
     """Study the scenes of a folder, print the quality for all of them, and write the reports."""
-    quiet, output, size = options["quiet"], options["output"], options["size"] or SIZE
+    quiet, output, size = (
+        options["quiet"],
+        options["output"],
+        shown.view.find_size(options["size"] or SIZE),
+    )
     if Path(output).resolve() == folder.resolve():
         raise click.BadOptionUsage("--output", "--output: must not be the folder of the scenes")
     files = {file.relative_to(folder.resolve()).as_posix(): file for file in mesh_files(folder)}
@@ -106,7 +117,7 @@ def study_files(folder: Path, shown: RenderOptions, options: dict[str, Any]) -> 
         found = study_folder(
             {name: loader(file) for name, file in files.items()}, size=size, progress=progress,
             output=output, name=folder.resolve().name,
-            **{name: options[name] for name in STUDY_OPTIONS},
+            **_gather_study_options(shown, options),
         )  # fmt: skip
     if quiet:
         return found

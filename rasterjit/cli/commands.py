@@ -352,9 +352,10 @@ def view(file: Path, **options: Any) -> None:
     backend = choose_backend(shown.backend)
     _refuse_options_without_effect(backend)
     scene = moment.apply(load_scene(file, look, effects, quiet), file)
-    camera = seen_from.camera(scene, shown.size)
+    size = seen_from.find_size(shown.size)
+    camera = seen_from.camera(scene, size)
     options = {name: options[name] for name in ("background", "cull", "threads")}
-    options |= vars(shown) | {"backend": backend, "up": scene.up, "title": file.name}
+    options |= vars(shown) | {"size": size, "backend": backend, "up": scene.up, "title": file.name}
     try:
         with show_compile_progress(quiet):
             show(scene, camera, **options)
@@ -416,7 +417,7 @@ def explain(
     """Say what rendering FILE would do, and why; or explain one pixel."""
     # What is asked for, before anything is read.
     view, look, effects, moment = gather_render_options(rest)
-    size = choose_size(background, size)
+    size = choose_size(background, view.find_size(size))
     if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
         raise click.BadOptionUsage(
             "--pixel", f"--pixel: {pixel[0]},{pixel[1]} is not in the picture"

@@ -35,6 +35,7 @@ OPTION_SYNONYMS = _map_synonyms({
     "--up z": "--z-up",
     "--up y": "--y-up",
     "--pose FILE": "--extrinsics --camera-pose",
+    "--camera FILE": "--calibration --colmap --transforms",
     "--intrinsics FX,FY,CX,CY": "--camera-matrix --k -K",
     "--mask FILE": "--silhouette",
     "--mask FILE --mask-of object_id": "--segmentation",
@@ -181,7 +182,8 @@ def _list_options(command: click.Command) -> list[str]:
 OPTION_GROUPS = {
     "Camera": (
         "views", "layout", "seed", "azimuth", "elevation", "zoom", "fov", "fov_y", "projection",
-        "up", "position", "target", "pose", "convention", "intrinsics", "lens", "time",
+        "up", "position", "target", "pose", "convention", "intrinsics", "camera_file",
+        "lens", "time",
         "animation", "animate", "turns",
     ),
     "Look": (

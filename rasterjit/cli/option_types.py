@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import warnings
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
@@ -22,6 +23,7 @@ from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.quality import parse_setting
 
 if TYPE_CHECKING:
+    from rasterjit.io.camera_files.calibration import CalibratedCamera
     from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.camera import MatrixCamera
     from rasterjit.scene.contours import Contours
@@ -381,6 +383,9 @@ FLIP_YZ = np.diag([1.0, -1.0, -1.0, 1.0])
 MAX_COLUMN_SCALE_ERROR = 1e-3
 """Tolerance of the lengths of a rotation's columns from 1, for rounded files."""
 
+MAX_NAMES = 5
+"""Most images that a message lists."""
+
 MAX_MATRIX_FILE_BYTES = 1 << 20
 """Most bytes of a file of a matrix."""
 
@@ -407,6 +412,25 @@ def intrinsics_type(text: str) -> Float64:
         return intrinsic_matrix("it", numbers.reshape(3, 3))
     except ValueError as error:
         raise ValueError(f"{text!r}: {error}") from None
+
+
+def load_camera(text: str, size: tuple[int, int] | None) -> CalibratedCamera:
+    """Return the camera of ``FILE`` or ``FILE:IMAGE``; the size is for files that tell none."""
+    from rasterjit.io.camera_files import load_cameras
+
+    file, image = (text, "") if Path(text).exists() else text.rpartition(":")[::2]
+    with warnings.catch_warnings():
+        # One camera is asked for; points and others are not.
+        warnings.simplefilter("ignore", UserWarning)
+        cameras = load_cameras(file or text, size=size)
+    if not image and len(cameras) == 1:
+        return cameras[0]
+    for number, one in enumerate(cameras):
+        if image and image in (one.name, str(number)):
+            return one
+    names = ", ".join(one.name or str(number) for number, one in enumerate(cameras[:MAX_NAMES]))
+    more = f" and {len(cameras) - MAX_NAMES} more" if len(cameras) > MAX_NAMES else ""
+    raise ValueError(f"{text!r} must be FILE:IMAGE, an image of {names}{more}, or its number")
 
 
 def _read_matrix(text: str, key: str, counts: tuple[int, ...], wanted: str) -> Float64:

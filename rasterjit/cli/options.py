@@ -28,6 +28,7 @@ from rasterjit.scene.tone_map import CURVES, MAX_STOPS
 from rasterjit.scene.validation import suggest
 
 if TYPE_CHECKING:
+    from rasterjit.io.camera_files.calibration import CalibratedCamera
     from rasterjit.io.foreign.codecs import Isolation
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
     from rasterjit.scene.camera_fitting import AnyCamera
@@ -70,6 +71,9 @@ AMBIENT_INTENSITY = 1.0
 
 STYLES = ("studio", "plain", "clay", "technical", "xray", "depth", "normals", "wireframe")
 """Names of ``rasterjit.styles``, the default first."""
+
+CAMERA_KEY = "rasterjit.camera"
+"""Key of the camera of ``--camera`` in what click keeps for a command."""
 
 QUALITY_OPTIONS = ("preset", "changes", "samples")
 """Options of accuracy."""
@@ -380,6 +384,9 @@ class CameraOptions:
     intrinsics : (3, 3) float64, optional
         Focal lengths and principal point in pixels of --size, or a file with the matrix K; as in
         OpenCV, the first pixel's centre is 0,0.
+    camera_file : str, optional
+        A calibrated camera with its lens and size, of a file of COLMAP, nerfstudio, Blender,
+        Bundler, OpenCV or Kalibr; of several that of an image, by its name or number.
     azimuth : float, optional
         Degrees around the scene: 0 is +z, 90 is +x (z up: -y, +x).
     elevation : float, optional
@@ -406,6 +413,7 @@ class CameraOptions:
     intrinsics: NDArray[np.float64] | None = option(
         option_types.intrinsics_type, metavar="FX,FY,CX,CY|FILE"
     )
+    camera_file: str | None = option(None, "--camera", metavar="FILE[:IMAGE]")
     azimuth: float | None = option(option_types.FiniteNumberType(), metavar="DEG")
     elevation: float | None = option(option_types.FiniteType(-90.0, 90.0), metavar="DEG")
     zoom: float | None = option(option_types.FiniteType(0.0, min_open=True), metavar="FACTOR")
@@ -417,6 +425,7 @@ class CameraOptions:
 
     def check(self) -> None:
         """Raise click's usage error if options contradict each other."""
+        self._check_camera_file()
         self._check_pinhole()
         if self.position is None:
             if self.target is not None:
@@ -444,6 +453,10 @@ class CameraOptions:
             return dataclasses.replace(self, up=None).camera(scene, size)
         if all(value is None for value in vars(self).values()):
             return None
+        if (calibrated := self.calibrated()) is not None:
+            if calibrated.lens is not None and "lens" not in click.get_current_context().params:
+                warn("--camera has a lens, which only render and accuracy draw", quiet=False)
+            return calibrated.camera  # type: ignore[return-value]
         if self.up is not None and any(self.up) and scene.up is None:
             from rasterjit.scene.transforms import unit_vector
 
@@ -456,6 +469,34 @@ class CameraOptions:
         if self.position is not None:
             return self._make_placed_camera(scene, size)
         return self._fit(scene, size)
+
+    def calibrated(self) -> CalibratedCamera | None:
+        """Return the camera of ``--camera``, or raise ``ValueError``."""
+        if self.camera_file is None:
+            return None
+        context = click.get_current_context()
+        size = context.params["size"] if is_given("size") else None
+        # Read once.
+        if CAMERA_KEY not in context.meta:
+            context.meta[CAMERA_KEY] = option_types.load_camera(self.camera_file, size)
+        camera: CalibratedCamera = context.meta[CAMERA_KEY]
+        return camera
+
+    def find_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Return the size of the picture: that of ``--camera`` unless ``--size`` is given."""
+        calibrated = None if is_given("size") else self.calibrated()
+        return size if calibrated is None else calibrated.size
+
+    def _check_camera_file(self) -> None:
+        """Raise click's usage error if ``--camera`` names none, or others place it as well."""
+        try:
+            calibrated = self.calibrated()
+        except ValueError as error:
+            raise click.BadOptionUsage("--camera", f"--camera: {error}") from None
+        if calibrated is not None:
+            names = ("lens", *(one.name for one in dataclasses.fields(self)))
+            others = [name for name in names if name != "camera_file"]
+            refuse_unused(others, "--camera has its own place, lens and intrinsics")
 
     def _is_placed(self) -> bool:
         """Tell whether an option sets the camera's position or kind."""

@@ -230,7 +230,9 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOp
     from rasterjit.io.images import OPAQUE_FORMATS
 
     view, look, effects, moment = shown
-    size, background = choose_size(asked.background, asked.size), asked.background
+    background, calibrated = asked.background, view.calibrated()
+    size = choose_size(background, view.find_size(asked.size))
+    lens = asked.lens if calibrated is None else calibrated.lens
     if output.suffix.lower() in OPAQUE_FORMATS and not is_opaque(background):
         raise click.BadOptionUsage(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
@@ -250,7 +252,7 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOp
 
     quiet, start = asked.quiet, time.perf_counter()
     options: dict[str, Any] = {
-        "outputs": wanted, "background": background, "cull": asked.cull, "lens": asked.lens,
+        "outputs": wanted, "background": background, "cull": asked.cull, "lens": lens,
     }  # fmt: skip
     effects.quality()
     with (

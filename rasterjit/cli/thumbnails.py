@@ -26,7 +26,7 @@ SETTINGS_FILE = ".rasterjit-render"
 """File in the output folder with a hash of the pictures' settings."""
 
 SINGLE_FILE_OPTIONS = (
-    "lens", "outputs", "depth_file", "scale", "mask_file", "mask_of", "diagnose",
+    "camera_file", "lens", "outputs", "depth_file", "scale", "mask_file", "mask_of", "diagnose",
 )  # fmt: skip
 """Options that need a single file."""
 

@@ -406,6 +406,62 @@ def test_a_pose_puts_what_is_seen_where_opencv_projects_it(tmp_path, convention)
         assert np.abs(found - (x / w, y / w)).max() < 0.4, (number, found)
 
 
+def calibrated_cameras():
+    """Return two cameras of the cube in one size, with a lens and names."""
+    lens = rj.PinholeDistortion(-0.2, 0.05)
+    views = [rj.transforms.look_at(eye, (0, 0, 0), (0, 1, 0)) for eye in ((3, 2, 4), (-3, 2, 4))]
+    intrinsics = 55.0, 60.0, 30.0, 25.0, (64, 48)
+    cameras = [rj.MatrixCamera.from_intrinsics(*intrinsics, view_from_world=one) for one in views]
+    return [
+        rj.CalibratedCamera(one, (64, 48), lens, name)
+        for one, name in zip(cameras, ("a:b.png", "c.png"), strict=True)
+    ]
+
+
+@pytest.mark.parametrize("image", [":c.png", ":1", ""])
+def test_a_camera_of_a_file_is_that_of_the_library(tmp_path, image):
+    cameras = calibrated_cameras()
+    rj.save_cameras(tmp_path / "t.json", cameras if image else cameras[1:])
+    result = run(
+        "render", CUBE, "-o", tmp_path / "a.npz", "-q", "--outputs", "face_id",
+        "--camera", f"{tmp_path / 't.json'}{image}",
+    )  # fmt: skip
+    assert (result.exit_code, result.output) == (0, "")
+    one = cameras[1]
+    scene = rj.load(CUBE)
+    expected = rj.render(scene, one.camera, size=one.size, lens=one.lens, outputs="face_id")
+    assert (np.load(tmp_path / "a.npz")["face_id"] == expected.face_id).all()
+
+
+def test_explain_says_that_it_has_no_lens_and_has_the_size_of_a_camera_of_a_file(tmp_path):
+    rj.save_cameras(tmp_path / "t.json", calibrated_cameras()[:1])
+    result = run("explain", CUBE, "--camera", tmp_path / "t.json")
+    assert result.exit_code == 0
+    assert "64 x 48 pixels" in result.output
+    assert "--camera has a lens, which only render and accuracy draw" in result.output
+
+
+@pytest.mark.parametrize(
+    ("words", "match"),
+    [
+        (("t.json",), "must be FILE:IMAGE, an image of a:b.png, c.png, or its number"),
+        (("t.json:d.png",), "must be FILE:IMAGE, an image of a:b.png, c.png"),
+        (("u.json",), "u.json does not exist"),
+        (("t.json:1", "--fov", "40"), "--fov has no effect here: --camera has its own"),
+        (("t.json:1", "--lens", "fisheye"), "--lens has no effect here: --camera has its own"),
+        (("t.json:1", "--size", "64x64"), "size must have the aspect of 64 x 48"),
+    ],
+)
+def test_cameras_of_files_that_are_not_there_or_not_alone_are_refused(
+    tmp_path, monkeypatch, words, match
+):
+    monkeypatch.chdir(tmp_path)
+    rj.save_cameras("t.json", calibrated_cameras())
+    result = run("render", CUBE, "-o", "a.png", "--camera", *words)
+    assert result.exit_code in (1, 2)
+    assert match in " ".join(result.output.replace("│", " ").split())
+
+
 @pytest.mark.parametrize(
     ("words", "size", "lens"),
     [
