@@ -33,7 +33,8 @@ Pictures and ground truth
     draws a stream of them, `render_batch` thousands of small ones into one array (`Batch`);
     `render_layers` finds the surfaces behind the nearest one (`LayeredFrame`). `Frame.save` writes
     and `Frame.show` shows them; `grid` lays them out on a contact sheet; `masks` makes COCO
-    annotations of them; `Frame.pick` tells which face a pixel shows, and where (`PickedPixel`).
+    annotations of them; `Frame.pick` tells which face a pixel shows, and where (`PickedPixel`);
+    `Frame.to_pytorch3d` gives its triangles as PyTorch3D does (`PyTorch3DFragments`).
     `styles` has looks that are ready made, such as ``rj.styles.studio(scene).render()``.
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
@@ -92,6 +93,7 @@ _HOMES = {
     "outputs.frame": (
         "Frame FrameStats LayeredFrame OutputNotRequestedError PickedPixel QualityChoice"
     ),
+    "outputs.learning_tuples": "PyTorch3DFragments",
     "outputs.contact_sheet": "grid",
     "rendering.batch": "render_batch",
     "rendering.quality_selection": "CalibrationWarning",

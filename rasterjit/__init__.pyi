@@ -23,6 +23,7 @@ from rasterjit.outputs.frame import (
     PickedPixel,
     QualityChoice,
 )
+from rasterjit.outputs.learning_tuples import PyTorch3DFragments
 from rasterjit.rendering.batch import render_batch
 from rasterjit.rendering.depth_peeling import render_layers
 from rasterjit.rendering.planning import RenderPlan
@@ -110,6 +111,7 @@ __all__ = [
     "PointLight",
     "Points",
     "PreviousView",
+    "PyTorch3DFragments",
     "Quality",
     "QualityChoice",
     "RasterizedFaces",

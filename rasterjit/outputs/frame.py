@@ -27,6 +27,7 @@ from rasterjit.scene.section import planes_in
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
+    from rasterjit.outputs.learning_tuples import PyTorch3DFragments
     from rasterjit.outputs.masks import ObjectMask
 
 
@@ -646,14 +647,7 @@ class Frame(RenderedOutputs):
 
     def _pick(self, x: float, y: float, layer: tuple[int, ...]) -> PickedPixel | None:
         """Return the surface point of a pixel, in a layer if there are several."""
-        missing = [name for name in PICK_OUTPUTS if name not in self._outputs]
-        if missing:
-            raise OutputNotRequestedError(
-                f"pick needs the outputs {', '.join(PICK_OUTPUTS)}; {' and '.join(missing)} "
-                f"{'was' if len(missing) == 1 else 'were'} not rendered: ask for them with "
-                f"outputs=(..., {', '.join(map(repr, missing))})"
-            )
-        face_id, weights, position = (self._outputs[name][layer] for name in PICK_OUTPUTS)
+        face_id, weights, position = (all_[layer] for all_ in self._require("pick", PICK_OUTPUTS))
         height, width = face_id.shape
         pixel = _find_pixel("y", y, height), _find_pixel("x", x, width)
         face = int(face_id[pixel])
@@ -672,10 +666,76 @@ class Frame(RenderedOutputs):
             None if scalar is None else float(scalar[layer][pixel]),
         )  # fmt: skip
 
+    def to_pytorch3d(self, what: Any = None) -> PyTorch3DFragments:
+        """
+        Return what PyTorch3D's ``MeshRasterizer`` returns, as arrays.
+
+        Rows run from the top there, too, though its axes are x left and y up. For its camera see
+        `rasterjit.cameras.to_pytorch3d`.
+
+        Parameters
+        ----------
+        what : Scene or Mesh, optional
+            What was drawn, as it was then: ``dists`` needs the vertices, which a frame does not
+            keep. Default: ``dists`` is ``None``.
+
+        Returns
+        -------
+        PyTorch3DFragments
+
+        Raises
+        ------
+        OutputNotRequestedError
+            If face_id, barycentric or depth was not asked for.
+        ValueError
+            If the frame shows points, lines or caps of a section, or ``what`` has other faces; with
+            ``what``, if a lens drew it.
+        """
+        from rasterjit.outputs.learning_tuples import make_pytorch3d
+
+        return make_pytorch3d(self, what)
+
+    def to_nvdiffrast(self) -> NDArray[np.float32]:
+        """
+        Return what nvdiffrast's ``rasterize`` returns first, as an array.
+
+        Returns
+        -------
+        (H, W, 4) float32
+            u and v, the perspective-correct weights of the face's first and second vertex; z/w of
+            ``plan.camera.projection_matrix(plan.size)``, -1..1; the face's number and 1. All 0
+            where nothing is. Row 0 is at the bottom, as in OpenGL.
+
+        Raises
+        ------
+        OutputNotRequestedError
+            If face_id, barycentric or depth was not asked for.
+        ValueError
+            If the frame shows points, lines or caps of a section, or a lens drew it.
+
+        Notes
+        -----
+        Numbers above 16777216 have nvdiffrast's code for what float32 does not hold.
+        """
+        from rasterjit.outputs.learning_tuples import make_nvdiffrast
+
+        return make_nvdiffrast(self)
+
+    def _require(self, user: str, names: tuple[str, ...]) -> list[NDArray[Any]]:
+        """Return the outputs that something needs, or raise ``OutputNotRequestedError``."""
+        missing = [name for name in names if name not in self._outputs]
+        if missing:
+            raise OutputNotRequestedError(
+                f"{user} needs the outputs {', '.join(names)}; {' and '.join(missing)} "
+                f"{'was' if len(missing) == 1 else 'were'} not rendered: ask for them with "
+                f"outputs=(..., {', '.join(map(repr, missing))})"
+            )
+        return [self._outputs[name] for name in names]
+
     def _find_first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
         if self._face_starts is None:
-            raise ValueError("pick needs a frame that was rendered, got one made of arrays")
+            raise ValueError("expected a frame that was rendered, got one made of arrays")
         return self._face_starts
 
     def _repr_png_(self) -> bytes | None:
