@@ -11,18 +11,24 @@ the work was interrupted or not:
 ...     summary = dataset.make("meshes", "pictures", recipe, workers=4)
 """
 
+from rasterjit.dataset import bop as bop
 from rasterjit.dataset.dataset_builder import LostWorkersError, Outcome, Summary, make
+from rasterjit.dataset.object_views import LabelledView, ObjectView, render_objects
 from rasterjit.dataset.recipe import MeshError, Recipe, render_views, view_cameras
 from rasterjit.io.meshes import mesh_files
 
 __all__ = [
+    "LabelledView",
     "LostWorkersError",
     "MeshError",
+    "ObjectView",
     "Outcome",
     "Recipe",
     "Summary",
+    "bop",
     "make",
     "mesh_files",
+    "render_objects",
     "render_views",
     "view_cameras",
 ]

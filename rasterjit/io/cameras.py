@@ -45,6 +45,7 @@ from rasterjit.scene.camera import (
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     brief,
+    check_rotation,
     finite_array,
     finite_number,
     image_size,
@@ -53,7 +54,6 @@ from rasterjit.scene.validation import (
     positive_number,
     unmasked_array,
 )
-from rasterjit.scene.vectors import cross, dot
 
 if TYPE_CHECKING:
     import trimesh
@@ -70,10 +70,6 @@ BLENDER_TYPES: tuple[BlenderType, ...] = get_args(BlenderType)
 SensorFit: TypeAlias = Literal["AUTO", "HORIZONTAL", "VERTICAL"]
 SENSOR_FITS: tuple[SensorFit, ...] = get_args(SensorFit)
 """Which side of the picture Blender's sensor fits: the longer one; the width; the height."""
-
-_ROTATION_TOLERANCE = 1e-3
-"""By how much columns of a rotation may miss unit length and right angles: float32 poses that
-were multiplied many times are within it, and a scaled or mirrored one is not."""
 
 _RELATIVE_TOLERANCE = 1e-6
 """Relative difference of two focal lengths, or of pixels of a principal point, up to which
@@ -192,7 +188,7 @@ def view_from_pose(pose: ArrayLike, name: str = "pose") -> Matrix:
     if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {matrix[3].tolist()}")
     axes = np.stack([transforms.unit_vector(name, matrix[:3, k]) for k in range(3)], axis=1)
-    _check_rotation(name, axes)
+    check_rotation(name, axes)
     return _invert_affine(_make_affine(axes, matrix[:3, 3]))
 
 
@@ -696,7 +692,7 @@ def _get_rigid_view(camera: Camera) -> Matrix:
     """Return a camera's view if it only turns and moves, or raise ``ValueError``."""
     check_camera("camera", camera)
     view = camera.view_matrix()
-    _check_rotation("camera", view[:3, :3])
+    check_rotation("camera", view[:3, :3])
     return view
 
 
@@ -706,28 +702,17 @@ def _check_extrinsic(name: str, value: ArrayLike) -> Matrix:
     rows = finite_array(name, array, (3, 4) if array.shape == (3, 4) else (4, 4))
     if len(rows) == 4 and rows[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {rows[3].tolist()}")
-    _check_rotation(name, rows[:3, :3])
+    check_rotation(name, rows[:3, :3])
     return _make_affine(rows[:3, :3], rows[:3, 3])
 
 
 def _make_rigid_pose(rotation: tuple[str, ArrayLike], translation: tuple[str, ArrayLike]) -> Matrix:
     """Return a pose from a rotation and a translation, each with its name."""
     matrix = finite_array(*rotation, (3, 3))
-    _check_rotation(rotation[0], matrix)
+    check_rotation(rotation[0], matrix)
     shift = unmasked_array(translation[0], translation[1])
     shift = shift[:, 0] if shift.shape == (3, 1) else shift
     return _make_affine(matrix, finite_array(translation[0], shift, (3,)))
-
-
-def _check_rotation(name: str, matrix: Float64) -> None:
-    """Raise ``ValueError`` if a (3, 3) matrix is no rotation."""
-    (a, b, c) = (matrix[:, k].tolist() for k in range(3))
-    lengths = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(c, c) - 1.0]
-    angles = [dot(a, b), dot(b, c), dot(c, a)]
-    if max(map(abs, lengths + angles)) > _ROTATION_TOLERANCE or dot(cross(a, b), c) <= 0.0:
-        raise ValueError(
-            f"{name} must hold a rotation, neither scaled nor mirrored, got {matrix.tolist()}"
-        )
 
 
 def _invert_affine(pose: Matrix) -> Matrix:

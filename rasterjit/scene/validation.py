@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.attribute_guard import similar_names
+from rasterjit.scene.vectors import cross, dot
 
 MAX_SIZE = 16384
 """Largest image side, pixels: the edge functions are proved exact up to it."""
@@ -41,6 +42,10 @@ MAX_SHOWN_LENGTH = 80
 
 MAX_THREADS = 1024
 """Most threads a render takes: more than processors in one machine, and few enough to start."""
+
+MAX_ROTATION_ERROR = 1e-3
+"""By how much columns of a rotation may miss unit length and right angles: float32 poses that
+were multiplied many times are within it, and a scaled or mirrored one is not."""
 
 
 def finite_number(name: str, value: Any) -> float:
@@ -220,6 +225,17 @@ def triple(name: str, value: ArrayLike) -> tuple[float, float, float]:
             return value
     x, y, z = vector(name, value).tolist()
     return x, y, z
+
+
+def check_rotation(name: str, matrix: NDArray[np.float64]) -> None:
+    """Raise ``ValueError`` if a (3, 3) matrix is no rotation."""
+    (a, b, c) = (matrix[:, k].tolist() for k in range(3))
+    lengths = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(c, c) - 1.0]
+    angles = [dot(a, b), dot(b, c), dot(c, a)]
+    if max(map(abs, lengths + angles)) > MAX_ROTATION_ERROR or dot(cross(a, b), c) <= 0.0:
+        raise ValueError(
+            f"{name} must hold a rotation, neither scaled nor mirrored, got {matrix.tolist()}"
+        )
 
 
 def boolean(name: str, value: Any) -> bool:

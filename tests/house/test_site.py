@@ -20,7 +20,8 @@ import rasterjit as rj
 ROOT = Path(__file__).parents[2]
 MODULES = (
     *(name for name in rj.__all__ if inspect.ismodule(getattr(rj, name))),
-    "mpl", "types", "compat.pyrender", "compat.trimesh",
+    "mpl", "types", "compat.bop", "compat.pyrender", "compat.trimesh",
+    "dataset.bop",
 )  # fmt: skip
 """Public modules, below ``rasterjit``."""
 OF_THEIR_OWN = {

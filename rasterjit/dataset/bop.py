@@ -1,0 +1,573 @@
+"""
+Write and read data sets for 6D object pose in the BOP format.
+
+``models/`` holds PLY files and ``models_info.json``; each folder of a scene, such as
+``train/000000``, holds pictures, 16-bit depth, masks, and three JSON files with cameras, poses, and
+what is seen of each object. Lengths are millimetres.
+
+>>> from rasterjit.dataset import bop, render_objects
+>>> bop.write_models("set/models", {1: mesh, 2: other})
+>>> bop.write_scene("set/train/000000", render_objects(scene, cameras, size=(640, 480)))
+>>> for view in bop.read_scene("set/train/000000"):
+...     print(view.number, [one.visible_share for one in view.objects])
+
+References
+----------
+BOP toolkit, ``docs/bop_datasets_format.md``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.dataset.object_views import Box, LabelledView, ObjectView
+from rasterjit.io.atomic_write import atomic_folder
+from rasterjit.io.images import encode_png, quantize
+from rasterjit.io.load_warnings import LoadWarning, SaveWarning
+from rasterjit.io.meshes import load
+from rasterjit.outputs.save import MAX_CODE
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.transforms import Matrix
+from rasterjit.scene.validation import brief, check_rotation, existing_folder
+from rasterjit.scene.warning import warn_caller
+
+__all__ = [
+    "ObjectModel", "SceneViews", "read_models", "read_scene", "write_models", "write_scene",
+]  # fmt: skip
+
+MODELS_INFO = "models_info.json"
+SCENE_FILES = "scene_camera.json", "scene_gt.json", "scene_gt_info.json"
+"""Cameras, poses, and what is seen of the objects."""
+
+PICTURES = {
+    "color": (("rgb", "gray"), (".png", ".jpg", ".tif")),
+    "depth": (("depth",), (".png", ".tif")),
+}
+"""Folders of colour and depth, and the extensions of their files."""
+
+MASKS = "mask", "mask_visib"
+"""Folders of masks."""
+
+KNOWN_NAMES = frozenset({*SCENE_FILES, *MASKS, *PICTURES["color"][0], *PICTURES["depth"][0]})
+"""Names in a scene's folder."""
+
+CAMERA_KEYS = frozenset({"cam_K", "depth_scale", "cam_R_w2c", "cam_t_w2c"})
+POSE_KEYS = frozenset({"obj_id", "cam_R_m2c", "cam_t_m2c"})
+INFO_KEYS = frozenset({
+    "bbox_obj", "bbox_visib", "px_count_all", "px_count_valid", "px_count_visib", "visib_fract",
+})  # fmt: skip
+"""Keys of an image, and of an object in it."""
+
+NO_BOX = [-1, -1, -1, -1]
+"""Boxes of objects of which nothing is seen."""
+
+NOTHING: Box = (0, 0, 0, 0)
+
+MAX_PAIRS = 1 << 24
+"""Most distances between vertices that are computed at once."""
+
+TEXTURE_COORDINATES = {"s": "texture_u", "t": "texture_v"}
+"""Names of texture coordinates in PLY files: what trimesh writes, and what BOP has."""
+
+
+class ObjectModel(NamedTuple):
+    """An object model of a data set."""
+
+    mesh: Mesh
+    """In millimetres."""
+    info: dict[str, Any]
+    """What ``models_info.json`` says: diameter, ``min_x``, ``size_x`` ... and symmetries."""
+
+
+def write_models(
+    folder: str | os.PathLike[str], models: Mapping[int, Mesh],
+    info: Mapping[int, Mapping[str, Any]] | None = None,
+) -> None:  # fmt: skip
+    """
+    Write object models as text PLY files, and ``models_info.json``.
+
+    Each has normals and the texture, or else the colours, that it is drawn with without light.
+    BOP wants z up and the centre of the bounding box at the origin; nothing is moved or scaled.
+
+    Parameters
+    ----------
+    folder : path
+        Such as ``set/models``; folders above it are made. One with such models is replaced.
+    models : mapping of int to Mesh
+        By their ids, in millimetres.
+    info : mapping of int to mapping, optional
+        More entries of ``models_info.json``, such as ``symmetries_discrete``, by id.
+
+    Raises
+    ------
+    ValueError
+        If ``models`` is empty or holds something else, ``info`` names others, or the folder holds
+        other things.
+    OSError
+        If a file cannot be written; what was there stays.
+
+    Warns
+    -----
+    SaveWarning
+        Naming what a PLY file of BOP has no place for: colours of faces, which become their mean
+        at each vertex; skins, morph targets and attributes.
+
+    Notes
+    -----
+    The diameter is the largest distance between two vertices, as in the toolkit's
+    ``calc_model_info.py``.
+    """
+    entries = _check_models(models)
+    more = {} if info is None else dict(info)
+    unknown = [key for key in more if key not in entries]
+    if unknown:
+        raise ValueError(f"info must be about models by their ids, got {brief(unknown[0])}")
+    target = _check_target(folder, MODELS_INFO)
+    document = {}
+    with atomic_folder(target) as temporary:
+        for name, mesh in entries.items():
+            _write_ply(temporary / f"obj_{name:06d}.ply", name, mesh)
+            low, high = mesh.bounds()
+            document[str(name)] = {"diameter": _find_diameter(mesh)}
+            for axis, least, most in zip("xyz", low.tolist(), high.tolist(), strict=True):
+                document[str(name)] |= {f"min_{axis}": least, f"size_{axis}": most - least}
+            document[str(name)] |= more.get(name, {})
+        _write_json(temporary / MODELS_INFO, document)
+
+
+def read_models(folder: str | os.PathLike[str]) -> dict[int, ObjectModel]:
+    """
+    Read the object models of a data set by their ids.
+
+    Parameters
+    ----------
+    folder : path
+        Such as ``models``, with ``models_info.json``.
+
+    Raises
+    ------
+    ValueError
+        If the folder or a file is missing or damaged.
+    """
+    place = existing_folder("folder", folder)
+    models = {}
+    for name, info in _read_json(place / MODELS_INFO).items():
+        path = place / f"obj_{name:06d}.ply"
+        loaded = load(path)
+        if len(loaded.nodes) != 1 or not isinstance(loaded.nodes[0].mesh, Mesh):
+            raise ValueError(f"{path}: it must hold one mesh of triangles")
+        models[name] = ObjectModel(loaded.nodes[0].mesh, info)
+    return models
+
+
+def write_scene(folder: str | os.PathLike[str], views: Iterable[LabelledView]) -> int:
+    """
+    Write the views of a scene: pictures, depth, masks, cameras, poses and what is seen.
+
+    Parameters
+    ----------
+    folder : path
+        Such as ``set/train/000000``; folders above it are made. One with such a scene is replaced.
+    views : iterable of LabelledView
+        Such as `rasterjit.dataset.render_objects` yields; they are taken one by one.
+
+    Returns
+    -------
+    int
+        Number of views.
+
+    Raises
+    ------
+    ValueError
+        If ``views`` holds something else, two of one number, none at all, or an object that is
+        scaled, which a pose of BOP cannot say; if the folder holds other things.
+    OSError
+        If a file cannot be written; what was there stays.
+
+    Notes
+    -----
+    BOP's boxes go from the first to the last pixel: their width and height are one less than those
+    of `rasterjit.dataset.ObjectView`. Of objects of which nothing is seen, both are
+    ``[-1, -1, -1, -1]``.
+    """
+    target = _check_target(folder, SCENE_FILES[0])
+    documents: tuple[dict[str, Any], ...] = {}, {}, {}
+    with atomic_folder(target) as temporary:
+        for view in views:
+            if not isinstance(view, LabelledView):
+                raise ValueError(f"views must be LabelledView, got {brief(view)}")
+            key = str(view.number)
+            if key in documents[0]:
+                raise ValueError(f"views must have different numbers, got {key} twice")
+            _write_pictures(temporary, view)
+            poses = [_describe_pose(view.number, one) for one in view.objects]
+            rows = _describe_camera(view), poses, [_describe_seen(one) for one in view.objects]
+            for document, row in zip(documents, rows, strict=True):
+                document[key] = row
+        if not documents[0]:
+            raise ValueError("views must hold at least one view, got none")
+        for name, document in zip(SCENE_FILES, documents, strict=True):
+            _write_json(temporary / name, dict(sorted(document.items(), key=_number_of)))
+    return len(documents[0])
+
+
+def read_scene(folder: str | os.PathLike[str]) -> SceneViews:
+    """
+    Read the views of a scene.
+
+    Parameters
+    ----------
+    folder : path
+        Such as ``train/000000``, with ``scene_camera.json`` and ``scene_gt.json``.
+
+    Returns
+    -------
+    SceneViews
+        A sequence of `rasterjit.dataset.LabelledView`, in the order of their numbers; a view's
+        pictures are read when it is taken.
+
+    Raises
+    ------
+    ValueError
+        Naming the file that is missing, damaged, or without a key that it needs.
+
+    Warns
+    -----
+    LoadWarning
+        Naming files and keys that are left out.
+    """
+    return SceneViews(existing_folder("folder", folder))
+
+
+class SceneViews(Sequence[LabelledView]):
+    """The views of a scene's folder, a sequence, which `read_scene` returns."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        cameras, poses = (_read_json(folder / name) for name in SCENE_FILES[:2])
+        seen = _read_json(folder / SCENE_FILES[2]) if (folder / SCENE_FILES[2]).exists() else {}
+        self.numbers = tuple(sorted(cameras))
+        """Of the views."""
+        left_out = {f"{one} of {SCENE_FILES[1]}" for one in poses.keys() - cameras.keys()}
+        self._rows: dict[int, tuple[Any, Any, Any]] = {}
+        for number in self.numbers:
+            row = cameras[number], poses.get(number, []), seen.get(number)
+            parts = [row[0]], row[1], row[1] if row[2] is None else row[2]
+            keys = CAMERA_KEYS, POSE_KEYS, POSE_KEYS if row[2] is None else INFO_KEYS
+            for name, part, known in zip(SCENE_FILES, parts, keys, strict=True):
+                if not isinstance(part, list) or not all(isinstance(one, dict) for one in part):
+                    raise ValueError(
+                        f"{folder / name}: view {number} must have JSON objects, got {brief(part)}"
+                    )
+                left_out |= {key for one in part for key in one} - known
+            if len(parts[2]) != len(parts[1]):
+                raise ValueError(
+                    f"{folder / SCENE_FILES[2]}: view {number} must have the {len(parts[1])} "
+                    f"objects of {SCENE_FILES[1]}, got {len(parts[2])}"
+                )
+            self._rows[number] = row
+        left_out |= {one.name for one in folder.iterdir()} - KNOWN_NAMES
+        if left_out:
+            warn_caller(f"{folder}: left out {', '.join(sorted(left_out))}", LoadWarning)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @overload
+    def __getitem__(self, place: int) -> LabelledView: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[LabelledView]: ...
+
+    def __getitem__(self, place: int | slice) -> LabelledView | list[LabelledView]:
+        """
+        Read a view, or several of them.
+
+        Raises
+        ------
+        ValueError
+            Naming the file that is damaged, or without a key that it needs.
+        """
+        if isinstance(place, slice):
+            return [self._read(number) for number in self.numbers[place]]
+        return self._read(self.numbers[place])
+
+    def __repr__(self) -> str:
+        return f"SceneViews({str(self.folder)!r}: {len(self)} views)"
+
+    def _read(self, number: int) -> LabelledView:
+        """Read the view of a number."""
+        camera, poses, seen = self._rows[number]
+        file = self.folder / SCENE_FILES[0]
+        where = f"view {number}"
+        world = None
+        if "cam_R_w2c" in camera:
+            world = _read_pose(file, where, camera, "cam_R_w2c", "cam_t_w2c")
+        scale = float(_read_numbers(file, where, camera, "depth_scale", 1)[0])
+        depth = self._read_picture("depth", number)
+        if depth is not None:
+            codes = depth.astype(np.float32)
+            depth = np.where(codes == 0.0, np.float32(np.inf), codes * np.float32(scale))
+        objects = []
+        for k, pose in enumerate(poses):
+            masks = [self._read_mask(name, number, k) for name in MASKS]
+            objects.append(self._read_object(f"{where}, object {k}", pose, seen and seen[k], masks))
+        return LabelledView(
+            number, _read_numbers(file, where, camera, "cam_K", 9).reshape(3, 3), world,
+            self._read_picture("color", number), depth, scale, tuple(objects),
+        )  # fmt: skip
+
+    def _read_object(
+        self, where: str, pose: dict[str, Any], seen: dict[str, Any] | None, masks: list[Any]
+    ) -> ObjectView:
+        """Return an object, given its entries of the two files, the latter of which may miss."""
+        file = self.folder / SCENE_FILES[1]
+        name = int(_read_numbers(file, where, pose, "obj_id", 1)[0])
+        matrix = _read_pose(file, where, pose, "cam_R_m2c", "cam_t_m2c")
+        if seen is None:
+            return ObjectView(name, matrix, *masks, NOTHING, NOTHING, 0, 0, 0)
+        file = self.folder / SCENE_FILES[2]
+        boxes = [_read_box(file, where, seen, key) for key in ("bbox_obj", "bbox_visib")]
+        area, measured, visible = (
+            int(_read_numbers(file, where, seen, f"px_count_{key}", 1)[0])
+            for key in ("all", "valid", "visib")
+        )
+        return ObjectView(
+            name, matrix, masks[0], masks[1], boxes[0], boxes[1], area, measured, visible
+        )
+
+    def _read_picture(self, kind: str, number: int) -> NDArray[Any] | None:
+        """Return colour or depth of a view; ``None`` if there is no such file."""
+        folders, extensions = PICTURES[kind]
+        for name in folders:
+            for extension in extensions:
+                path = self.folder / name / f"{number:06d}{extension}"
+                if path.exists():
+                    return _read_image(path)
+        return None
+
+    def _read_mask(self, name: str, number: int, place: int) -> NDArray[np.bool_] | None:
+        """Return a mask; ``None`` if there is no such file."""
+        path = self.folder / name / f"{number:06d}_{place:06d}.png"
+        return _read_image(path) > 0 if path.exists() else None
+
+
+# Writing.
+
+
+def _check_models(models: Any) -> dict[int, Mesh]:
+    """Return meshes by their ids in order, or raise ``ValueError``."""
+    if not isinstance(models, Mapping) or not models:
+        raise ValueError(f"models must be meshes by their ids, at least one, got {brief(models)}")
+    for name, mesh in models.items():
+        if not isinstance(name, (int, np.integer)) or name < 0 or not isinstance(mesh, Mesh):
+            raise ValueError(
+                f"models must be meshes by ids of at least 0, got {name!r}: {brief(mesh)}"
+            )
+    return {int(name): models[name] for name in sorted(models)}
+
+
+def _check_target(folder: Any, mark: str) -> Path:
+    """Return the folder to write, or raise ``ValueError`` if it holds something else."""
+    if not isinstance(folder, (str, os.PathLike)):
+        raise ValueError(f"folder must be the name of a folder, got {brief(folder)}")
+    target = Path(os.fsdecode(folder))
+    if target.exists() and not target.is_dir():
+        raise ValueError(f"folder {str(target)!r} is a file")
+    if target.is_dir() and any(target.iterdir()) and not (target / mark).exists():
+        raise ValueError(f"folder {str(target)!r} holds other things, and no {mark}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    return target
+
+
+def _number_of(entry: tuple[str, Any]) -> int:
+    """Return the number of an entry of a JSON file."""
+    return int(entry[0])
+
+
+def _write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a JSON object, each of its entries on a line."""
+    rows = (f"  {json.dumps(key)}: {json.dumps(row)}" for key, row in document.items())
+    path.write_text("{\n" + ",\n".join(rows) + "\n}\n", "utf-8")
+
+
+def _write_ply(path: Path, name: int, mesh: Mesh) -> None:
+    """Write a model as text PLY, and its texture beside it."""
+    import trimesh
+
+    rest = {
+        "skins": mesh.joints is not None, "morph targets": mesh.morph_targets is not None,
+        "colours of faces": mesh.face_colors is not None,
+        "attributes": bool(mesh.vertex_attributes or mesh.face_attributes),
+    }  # fmt: skip
+    if any(rest.values()):
+        listed = ", ".join(kind for kind, is_there in rest.items() if is_there)
+        warn_caller(f"models[{name}]: a PLY file of BOP has no place for {listed}", SaveWarning)
+    texture = None if mesh.uv is None else mesh.material.base_color_texture
+    visual: dict[str, Any] = {}
+    if texture is None:
+        visual["vertex_colors"] = quantize(_color_rows(mesh), "srgb")[0]
+    else:
+        visual["visual"] = trimesh.visual.TextureVisuals(uv=mesh.uv)
+    written = trimesh.Trimesh(
+        mesh.vertices, mesh.faces, vertex_normals=mesh.vertex_normals(), process=False, **visual
+    )
+    text = trimesh.exchange.ply.export_ply(written, encoding="ascii", vertex_normal=True).decode()
+    if texture is not None:
+        header, end, rows = text.partition("end_header\n")
+        for old, new in TEXTURE_COORDINATES.items():
+            header = re.sub(rf"property \w+ {old}\n", f"property float {new}\n", header)
+        picture = path.with_suffix(".png")
+        header = header.replace("1.0\n", f"1.0\ncomment TextureFile {picture.name}\n", 1)
+        picture.write_bytes(encode_png(quantize(texture.image, "srgb")[0]))
+        text = header + end + rows
+    path.write_text(text, "ascii")
+
+
+def _color_rows(mesh: Mesh) -> NDArray[np.float32]:
+    """Return a colour of each vertex, (V, 4), linear, by which the mesh is drawn."""
+    colors = mesh.shown_vertex_colors()
+    if colors is None and mesh.face_colors is not None:
+        sums, counts = np.zeros((len(mesh.vertices), 4)), np.zeros((len(mesh.vertices), 1))
+        np.add.at(sums, mesh.faces, mesh.face_colors[:, None])
+        np.add.at(counts, mesh.faces, 1.0)
+        colors = (sums / np.maximum(counts, 1.0)).astype(np.float32)
+    tint = np.array(mesh.material.base_color_over(colors is not None), np.float32)
+    return np.tile(tint, (len(mesh.vertices), 1)) if colors is None else colors * tint
+
+
+def _find_diameter(mesh: Mesh) -> float:
+    """
+    Return the largest distance between two vertices.
+
+    Only vertices far from the middle can be its ends: those whose distance from there, and that of
+    the farthest, are together at least the longest distance that is known.
+    """
+    points = np.unique(mesh.vertices[np.isfinite(mesh.vertices).all(axis=1)], axis=0)
+    radii = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    longest, last = 0.0, points[radii.argmax()]
+    for _ in range(8):
+        distances = np.linalg.norm(points - last, axis=1)
+        longest, last = max(longest, float(distances.max())), points[distances.argmax()]
+    points = points[radii + radii.max() >= longest * (1.0 - 1e-9)]
+    for rows in np.array_split(points, 1 + len(points) ** 2 // MAX_PAIRS):
+        squares = sum((rows[:, None, k] - points[None, :, k]) ** 2 for k in range(3))
+        longest = max(longest, float(np.sqrt(np.max(squares, initial=0.0))))
+    return longest
+
+
+def _write_pictures(folder: Path, view: LabelledView) -> None:
+    """Write colour, depth and masks of a view."""
+    pictures: dict[str, Any] = {}
+    if view.color is not None:
+        pictures["rgb" if view.color.ndim == 3 else "gray"] = view.color
+    if view.depth is not None:
+        codes = np.rint(np.where(np.isfinite(view.depth), view.depth, 0.0) / view.depth_scale)
+        if codes.max() > MAX_CODE:
+            raise ValueError(
+                f"views must have depths of at most {MAX_CODE} times depth_scale, "
+                f"{view.depth_scale!r}, got {float(codes.max() * view.depth_scale)!r} in view "
+                f"{view.number}"
+            )
+        pictures["depth"] = codes.astype(np.uint16)
+    for name, pixels in pictures.items():
+        (folder / name).mkdir(exist_ok=True)
+        (folder / name / f"{view.number:06d}.png").write_bytes(encode_png(pixels))
+    for k, one in enumerate(view.objects):
+        for name, mask in zip(MASKS, (one.mask, one.visible), strict=True):
+            if mask is not None:
+                (folder / name).mkdir(exist_ok=True)
+                (folder / name / f"{view.number:06d}_{k:06d}.png").write_bytes(
+                    encode_png(np.where(mask, np.uint8(255), np.uint8(0)))
+                )
+
+
+def _describe_camera(view: LabelledView) -> dict[str, Any]:
+    """Return the entry of a view in ``scene_camera.json``."""
+    row = {"cam_K": view.intrinsics.ravel().tolist(), "depth_scale": view.depth_scale}
+    if view.camera_from_world is not None:
+        row["cam_R_w2c"] = view.camera_from_world[:3, :3].ravel().tolist()
+        row["cam_t_w2c"] = view.camera_from_world[:3, 3].tolist()
+    return row
+
+
+def _describe_pose(number: int, one: ObjectView) -> dict[str, Any]:
+    """Return the entry of an object in ``scene_gt.json``, or raise ``ValueError``."""
+    rotation = one.camera_from_model[:3, :3]
+    # A pose of BOP has no scale.
+    check_rotation(f"views: the pose of object {one.id} in view {number}", rotation)
+    return {
+        "cam_R_m2c": rotation.ravel().tolist(), "cam_t_m2c": one.camera_from_model[:3, 3].tolist(),
+        "obj_id": one.id,
+    }  # fmt: skip
+
+
+def _describe_seen(one: ObjectView) -> dict[str, Any]:
+    """Return the entry of an object in ``scene_gt_info.json``."""
+    boxes = {
+        key: [*box[:2], box[2] - 1, box[3] - 1] if one.visible_area else NO_BOX
+        for key, box in (("bbox_obj", one.box), ("bbox_visib", one.visible_box))
+    }
+    return boxes | {
+        "px_count_all": one.area, "px_count_valid": one.measured_area,
+        "px_count_visib": one.visible_area, "visib_fract": one.visible_share,
+    }  # fmt: skip
+
+
+# Reading.
+
+
+def _read_json(path: Path) -> dict[int, Any]:
+    """Return the entries of a JSON object by their whole numbers, or raise ``ValueError``."""
+    try:
+        document = json.loads(path.read_text("utf-8"))
+        return {int(key): row for key, row in document.items()}
+    except OSError as error:
+        raise ValueError(f"{path}: it cannot be read: {error.strerror}") from None
+    except (ValueError, AttributeError):
+        raise ValueError(f"{path}: it must be a JSON object with numbers for keys") from None
+
+
+def _read_numbers(path: Path, where: str, row: Any, key: str, count: int) -> NDArray[np.float64]:
+    """Return ``count`` numbers of an entry, or raise ``ValueError``."""
+    value = row.get(key) if isinstance(row, Mapping) else None
+    try:
+        numbers = np.array(value, np.float64).ravel()
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise ValueError(
+            f"{path}: {where} must have {count} finite numbers as {key}, got {brief(value)}"
+        )
+    return numbers
+
+
+def _read_pose(path: Path, where: str, row: Any, rotation: str, translation: str) -> Matrix:
+    """Return a pose, (4, 4), or raise ``ValueError``."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = _read_numbers(path, where, row, rotation, 9).reshape(3, 3)
+    matrix[:3, 3] = _read_numbers(path, where, row, translation, 3)
+    return matrix
+
+
+def _read_box(path: Path, where: str, row: Any, key: str) -> Box:
+    """Return a box with its pixels counted, or raise ``ValueError``."""
+    box = _read_numbers(path, where, row, key, 4).astype(int).tolist()
+    return NOTHING if box == NO_BOX else (box[0], box[1], box[2] + 1, box[3] + 1)
+
+
+def _read_image(path: Path) -> NDArray[Any]:
+    """Return the pixels of a file, or raise ``ValueError``."""
+    import imageio.v3 as iio
+
+    try:
+        return np.asarray(iio.imread(path, plugin="pillow"))
+    except (OSError, ValueError, SyntaxError) as error:
+        raise ValueError(f"{path}: it cannot be read: {error}") from None
