@@ -65,7 +65,8 @@ ROUND_TRIPS = [
     ("nerfstudio", "transforms.json", PANORAMA, {"size": (640, 320)}),
     ("blender", "transforms_train.json", None, CENTERED),
     ("bundler", "bundle.out", RADIAL, CENTERED),
-    ("bundler", "some.bundle.out", None, CENTERED),
+    ("bundler", "some.bundle.rd.out", None, CENTERED),
+    ("bundler", "some.out", None, CENTERED),
     ("opencv", "calibration.yaml", None, {}),
     ("opencv", "calibration.yml", ALL, {}),
     ("opencv", "calibration.yml", FISHEYE, {}),
@@ -103,6 +104,13 @@ def test_cameras_that_differ_keep_their_own_intrinsics(tmp_path, file_format):
     for one, made in zip(rj.load_cameras(path), cameras, strict=True):
         assert (one.name, one.lens) == (made.name, made.lens)
         np.testing.assert_allclose(one.project(POINTS), made.project(POINTS), rtol=0, atol=1e-9)
+
+
+def test_lists_of_images_are_named_as_other_programs_name_them(tmp_path):
+    for name in ("bundle.out", "a.bundle.rd.out", "b.out"):
+        rj.save_cameras(tmp_path / name, random_cameras(**CENTERED))
+    lists = {path.name for path in tmp_path.glob("*.txt")}
+    assert lists == {"list.txt", "a.list.rd.txt", "b.list.txt"}
 
 
 def test_images_share_a_camera_where_they_can(tmp_path):
@@ -224,6 +232,17 @@ def test_transforms_of_instant_ngp(tmp_path):
     assert one.project((3.0, 0.0, 1.0)) == pytest.approx(expected, abs=1e-9)
 
 
+def test_fields_of_view_of_instant_ngp(tmp_path):
+    """90 degrees from top to bottom of 480 rows are a focal length of 240, of columns as well."""
+    path = write_json(tmp_path / "t.json", y_fov=90, is_fisheye=True, k1=0, w=640, h=480,
+                      frames=[frame(), frame(x_fov=60), frame(latlong=True)])  # fmt: skip
+    with pytest.warns(rj.LoadWarning, match=r"without a lens here, latlong \(1\)"):
+        one, other = rj.load_cameras(path)
+    assert one.project((0.4, 0.2, 0.0)) == pytest.approx((344, 228), abs=1e-9)
+    expected = 320 + 320 * math.sqrt(3) * 0.1, 228
+    assert other.project((0.4, 0.2, 0.0)) == pytest.approx(expected, abs=1e-9)
+
+
 def test_a_panorama_of_nerfstudio(tmp_path):
     """What is a quarter turn to the right is at three quarters of the width."""
     path = write_json(
@@ -309,6 +328,20 @@ def test_a_calibration_of_opencv(tmp_path):
     expected = 500 * u + 319.5 + 0.5, 400 * v + 239.5 + 0.5
     assert turned.project((0.4, 2.0, -0.2)) == pytest.approx(expected, abs=1e-9)
     assert straight.project((0.4, 0.2, 0.0)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_calibration_of_opencv_2(tmp_path):
+    old = {"image_width": "image_Width", "image_height": "image_Height",
+           "camera_matrix": "Camera_Matrix",
+           "distortion_coefficients": "Distortion_Coefficients"}  # fmt: skip
+    text = OPENCV_FILE.replace("---\n", "")
+    for new, name in old.items():
+        text = text.replace(new, name)
+    (tmp_path / "new.yml").write_text(OPENCV_FILE)
+    (tmp_path / "old.yml").write_text(text)
+    (one,), (other,) = (rj.load_cameras(tmp_path / name) for name in ("old.yml", "new.yml"))
+    assert (one.size, one.lens) == (other.size, other.lens)
+    assert one.project((0.4, 0.2, 4.0)) == pytest.approx(other.project((0.4, 0.2, 4.0)))
 
 
 @pytest.mark.parametrize("parts", [1, 2])
@@ -609,6 +642,8 @@ BROKEN = [
     ("b.out", "hello", "its first line must be"),
     ("b.out", BUNDLE.replace("2 1", "3 1"), "must have 3 cameras, got 41 numbers"),
     ("b.out", BUNDLE.replace("2 1", "9 1"), "must have 9 cameras"),
+    ("b.out", BUNDLE.replace("2 1", "2 -1"), "must have 2 cameras"),
+    ("b.out", BUNDLE.replace("1 0 17", "-9 0 17"), "4 numbers more"),
     ("b.out", BUNDLE.replace("2 1", "2 2"), "it ends at point 1 of 2"),
     ("b.out", BUNDLE + "1", "1 numbers more"),
     ("b.out", BUNDLE.replace("500", "nan"), "camera 0: its numbers must be finite"),

@@ -40,7 +40,8 @@ from rasterjit.scene.transforms import compose
 FORMAT = "Bundler"
 HEADER = "# Bundle file v0.3"
 HEADER_START = "# Bundle file"
-FILE_NAME, LIST_NAME = "bundle.out", "list.txt"
+BUNDLE, LIST = "bundle", "list"
+"""Words in the names of a file and of its list of images: ``bundle.out``, ``list.txt``."""
 
 RADIAL = ("k1", "k2")
 NUMBERS_PER_CAMERA = 15
@@ -60,7 +61,7 @@ def read_bundler(
             raise ValueError("the numbers of cameras and points are missing")
         count, points = int(words[0]), int(words[1])
         end = 2 + NUMBERS_PER_CAMERA * count
-        if count < 0 or end > len(words):
+        if min(count, points) < 0 or end > len(words):
             raise ValueError(f"it must have {count} cameras, got {len(words) - 2} numbers")
         _check_points(words, end, points)
         rows = np.array(words[2:end], np.float64).reshape(count, NUMBERS_PER_CAMERA)
@@ -85,18 +86,15 @@ def _check_points(words: list[str], at: int, points: int) -> None:
         # Position, colour, and four numbers for each view.
         if at + 6 >= len(words):
             raise ValueError(f"it ends at point {number} of {points}")
-        at += 7 + 4 * int(words[at + 6])
+        at += 7 + 4 * max(int(words[at + 6]), 0)
     if at != len(words):
         raise ValueError(f"after {points} points it must end, got {len(words) - at} numbers more")
 
 
 def _list_beside(file: Path) -> Path:
-    """Return the path of the list of images of a bundle: ``a.bundle.out`` has ``a.list.txt``."""
-    return file.with_name(
-        file.name.removesuffix(FILE_NAME) + LIST_NAME
-        if file.name.endswith(FILE_NAME)
-        else LIST_NAME
-    )
+    """Return the path of a bundle's list of images: ``a.bundle.rd.out`` has ``a.list.rd.txt``."""
+    name = file.stem.replace(BUNDLE, LIST) if BUNDLE in file.stem else f"{file.stem}.{LIST}"
+    return file.with_name(f"{name}.txt")
 
 
 def _read_names(file: Path, count: int) -> list[str]:

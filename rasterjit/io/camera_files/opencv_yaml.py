@@ -52,6 +52,7 @@ COUNTS = (0, 1, 4, 5, 8, 12, 14)
 SINGLE = ("camera_matrix", "distortion_coefficients")
 STEREO = (
     (("M1", "D1"), ("M2", "D2")),
+    (("K1", "D1"), ("K2", "D2")),
     (("cameraMatrix1", "distCoeffs1"), ("cameraMatrix2", "distCoeffs2")),
 )
 """Names of K and of the coefficients of one camera, and of two."""
@@ -70,6 +71,9 @@ def read_opencv(
     file: Path, document: dict[str, Any], size: tuple[int, int] | None, left_out: LeftOut
 ) -> list[CalibratedCamera]:
     """Return the camera of each view of a calibration, or both of a stereo pair."""
+    # OpenCV 2 began words with capitals.
+    lower = {key: str(key).lower() for key in document}
+    document = {lower[key] if lower[key] in READ_KEYS else key: document[key] for key in document}
     if "image_width" in document:
         size = get_integer(document, "image_width"), get_integer(document, "image_height")
     elif "imageSize" in document:

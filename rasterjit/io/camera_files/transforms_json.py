@@ -58,6 +58,9 @@ RADIAL_AND_TANGENTIAL = ("k1", "k2", "k3", "p1", "p2")
 FOURTH = "k4, of the eighth power,"
 """What nerfstudio's ``k4`` is where no fisheye is meant; OpenCV's is another."""
 
+OTHER_PROJECTIONS = ("ftheta_p0", "latlong", "equirectangular")
+"""Keys of instant-ngp's that choose a projection which no lens here stands for."""
+
 INTRINSIC_KEYS = (
     "camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x",
     "camera_angle_y", "x_fov", "y_fov", "k1", "k2", "k3", "k4", "p1", "p2", "distortion_params",
@@ -132,14 +135,18 @@ def image_file_size(file: Path) -> tuple[int, int]:
 
 def _read_intrinsics(values: dict[str, Any], size: tuple[int, int]) -> Intrinsics:
     """Return the intrinsics of a frame."""
-    default = "OPENCV_FISHEYE" if values.get("is_fisheye") is True else "OPENCV"
-    model = values.get("camera_model", default)
+    model = values.get("camera_model", "OPENCV")
     if model == PANORAMA:
         return make_panorama(size, model)
     if model not in PERSPECTIVE + FISHEYE:
         raise NoLensError(f"camera_model {model!r}")
-    fx = _read_focal(values, "x", size[0])
-    fy = _read_focal(values, "y", size[1]) if _tells_focal(values, "y") else fx
+    for key in OTHER_PROJECTIONS:
+        if key in values:
+            raise NoLensError(key)
+    focals = [_read_focal(values, axis, side) for axis, side in zip("xy", size, strict=True)]
+    fx, fy = (other if one is None else one for one, other in (focals, focals[::-1]))
+    if fx is None or fy is None:
+        raise ValueError("fl_x or camera_angle_x is missing")
     cx = get_number(values, "cx", size[0] / 2.0)
     cy = get_number(values, "cy", size[1] / 2.0)
     k1, k2, k3, k4, p1, p2 = get_numbers(
@@ -147,7 +154,8 @@ def _read_intrinsics(values: dict[str, Any], size: tuple[int, int]) -> Intrinsic
         "distortion_params",
         tuple(get_number(values, key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2")),
     )
-    if model in FISHEYE or values.get("is_fisheye") is True:
+    # For instant-ngp a fisheye without coefficients is none.
+    if model in FISHEYE or (values.get("is_fisheye") is True and any((k1, k2, k3, k4))):
         lens = make_lens(FisheyeLens, EQUIDISTANT, (k1, k2, k3, k4), model)
     else:
         names = (*RADIAL_AND_TANGENTIAL, FOURTH)
@@ -155,21 +163,16 @@ def _read_intrinsics(values: dict[str, Any], size: tuple[int, int]) -> Intrinsic
     return Intrinsics(size, fx, fy, 0.0, cx, cy, lens)
 
 
-def _tells_focal(values: dict[str, Any], axis: str) -> bool:
-    """Tell whether a frame has a focal length of an axis."""
-    return any(key in values for key in (f"fl_{axis}", f"camera_angle_{axis}", f"{axis}_fov"))
-
-
-def _read_focal(values: dict[str, Any], axis: str, side: int) -> float:
-    """Return the focal length of an axis, pixels, or raise ``ValueError``."""
-    if f"fl_{axis}" in values:
-        return get_number(values, f"fl_{axis}")
-    if f"camera_angle_{axis}" in values:
-        angle = math.degrees(get_number(values, f"camera_angle_{axis}"))
-    elif f"{axis}_fov" in values:
+def _read_focal(values: dict[str, Any], axis: str, side: int) -> float | None:
+    """Return the focal length of an axis, pixels, or ``None`` if there is none."""
+    if f"{axis}_fov" in values:
         angle = get_number(values, f"{axis}_fov")
+    elif f"fl_{axis}" in values:
+        return get_number(values, f"fl_{axis}")
+    elif f"camera_angle_{axis}" in values:
+        angle = math.degrees(get_number(values, f"camera_angle_{axis}"))
     else:
-        raise ValueError(f"fl_{axis} or camera_angle_{axis} is missing")
+        return None
     return transforms.focal_length(angle) * side / 2.0
 
 

@@ -38,8 +38,7 @@ def read_yaml(file: Path) -> dict[str, Any]:
         OPENCV_TAGS, lambda loader, _, node: loader.construct_mapping(node, deep=True)
     )
     Loader.add_implicit_resolver(FLOAT_TAG, FLOAT, list("-+.0123456789"))
-    lines = file.read_text("utf-8").splitlines(keepends=True)
-    text = "".join(lines[1:] if lines and lines[0].startswith("%YAML") else lines)
+    text = re.sub(r"\A\s*%YAML.*", "", file.read_text("utf-8"))
     try:
         document = yaml.load(text, Loader)
     except yaml.YAMLError as error:
