@@ -244,6 +244,10 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         "interpolation": lambda: "linear", "names": lambda: [], "kept": lambda: None,
     }  # fmt: skip
     return values | {
+        "load_cameras.path": file("1.out", f"# Bundle file v0.3\n1 0\n9 0 0\n{'1 0 0 0 ' * 3}"),
+        "load_cameras.size": lambda: (8, 6),
+        "save_cameras.path": lambda: folder / "a.json",
+        "save_cameras.cameras": lambda: [rj.CalibratedCamera(camera(), (8, 6), name="a.png")],
         "load.path": file("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
         "Texture.from_file.path": picture, "Environment.from_file.path": picture,
         "Scene.save.path": lambda: folder / "a.glb",

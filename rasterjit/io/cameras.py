@@ -5,7 +5,8 @@ Each pair of functions keeps to one convention: where the axes of the camera poi
 are columns or rows, and where on the first pixel the origin of pixel coordinates is. World axes are
 never changed: a scene whose z is up stays one. A camera that is made for an image of one size
 refuses images of another aspect, which it would have to stretch; see `rasterjit.MatrixCamera`. No
-pose may mirror: all functions refuse one of a determinant below 0.
+pose may mirror: all functions refuse one of a determinant below 0. `rasterjit.load_cameras` reads
+files, with lenses.
 
 =============  ====================  =======  ====================  =============================
 convention     x, y, z point         vectors  pose                  pixel coordinates

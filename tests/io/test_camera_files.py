@@ -624,6 +624,7 @@ BROKEN = [
     ("cameras.txt", "1 MAGIC 640 480 1", "one of COLMAP's, got MAGIC"),
     ("cameras.txt", "1 PINHOLE 640 480 500 nan 320 240", "PINHOLE must have finite parameters"),
     ("cameras.txt", "7 PINHOLE 640 480 500 0 320 240", "focal lengths must be above 0"),
+    ("cameras.txt", COLMAP_CAMERAS * 2, "got two of number 7"),
     ("images.txt", "1 1 0 0 0 0 0 4 7\n\n", "an image must have a number"),
     ("images.txt", "1 1 0 0 0 0 0 4 8 a.png\n\n", "'a.png' names camera 8, which is missing"),
     ("images.txt", "1 0 0 0 0 0 0 4 7 a.png\n\n", "'a.png'.*quaternion"),

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,7 +37,7 @@ from rasterjit.io.camera_files.calibration import (
     split_camera,
 )
 from rasterjit.io.load_warnings import LeftOut
-from rasterjit.scene.decomposed_transform import TRS, compose_trs, quaternion_from_axes
+from rasterjit.scene.decomposed_transform import TRS, compose_trs, decompose
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 
 FORMAT = "COLMAP"
@@ -102,8 +102,8 @@ class ImageRecord(NamedTuple):
     points: int
 
 
-CameraRecords = dict[int, tuple[str, tuple[int, int], tuple[float, ...]]]
-"""Model, size and parameters of each camera."""
+CameraRecord = tuple[str, tuple[int, int], tuple[float, ...]]
+"""Model, size and parameters of a camera."""
 
 
 def read_colmap(folder: Path, suffix: str, left_out: LeftOut) -> list[CalibratedCamera]:
@@ -111,8 +111,11 @@ def read_colmap(folder: Path, suffix: str, left_out: LeftOut) -> list[Calibrated
     readers = _TEXT_READERS if suffix == ".txt" else _BINARY_READERS
     file = folder / f"cameras{suffix}"
     with reading(file, FORMAT):
-        records = readers[0](file)
-        intrinsics = {number: read_intrinsics(*record) for number, record in records.items()}
+        intrinsics: dict[int, Intrinsics | str] = {}
+        for number, record in readers[0](file):
+            if number in intrinsics:
+                raise ValueError(f"it must have each camera once, got two of number {number}")
+            intrinsics[number] = read_intrinsics(*record)
     file = folder / f"images{suffix}"
     with reading(file, FORMAT):
         return _join_images(readers[1](file), intrinsics, left_out)
@@ -169,17 +172,16 @@ def _check_model(model: str, parameters: int) -> str:
     return model
 
 
-def _read_text_cameras(file: Path) -> CameraRecords:
-    """Return the records of ``cameras.txt``."""
-    found: CameraRecords = {}
+def _read_text_cameras(file: Path) -> Iterator[tuple[int, CameraRecord]]:
+    """Yield the number and record of each camera of ``cameras.txt``."""
     for words in (line.split() for line in file.read_text("utf-8").splitlines()):
         if words and not words[0].startswith("#"):
             if len(words) < 4:
                 raise ValueError(f"a camera must have a number, a model and a size, got {words}")
             number, model, width, height, *parameters = words
             _check_model(model, len(parameters))
-            found[int(number)] = model, (int(width), int(height)), tuple(map(float, parameters))
-    return found
+            size = int(width), int(height)
+            yield int(number), (model, size, tuple(map(float, parameters)))
 
 
 def _read_text_images(file: Path) -> list[ImageRecord]:
@@ -236,19 +238,17 @@ class _BinaryFile:
             raise ValueError(f"it has {len(self._content) - self._at} bytes more than it counts")
 
 
-def _read_binary_cameras(file: Path) -> CameraRecords:
-    """Return the records of ``cameras.bin``."""
+def _read_binary_cameras(file: Path) -> Iterator[tuple[int, CameraRecord]]:
+    """Yield the number and record of each camera of ``cameras.bin``."""
     content = _BinaryFile(file)
     names = {model.number: name for name, model in MODELS.items()}
-    found: CameraRecords = {}
     for _ in range(content.take("Q")[0]):
         number, model, width, height = content.take("IiQQ")
         if model not in names:
             raise ValueError(f"camera model must be one of COLMAP's, got number {model}")
         parameters = content.take(f"{MODELS[names[model]].parameter_count}d")
-        found[number] = names[model], (width, height), parameters
+        yield number, (names[model], (width, height), parameters)
     content.end()
-    return found
 
 
 def _read_binary_images(file: Path) -> list[ImageRecord]:
@@ -288,8 +288,8 @@ def write_colmap(folder: Path, suffix: str, cameras: Sequence[CalibratedCamera])
         intrinsics, pose = split_camera(camera)
         refuse_skew(camera, intrinsics, FORMAT)
         number = numbers.setdefault(intrinsics, len(numbers) + 1)
-        x, y, z, w = quaternion_from_axes(*map(tuple, pose[:3, :3].T.tolist()))  # type: ignore[arg-type]
-        images.append(((w, x, y, z), tuple(pose[:3, 3].tolist()), number, camera.name))
+        translation, (x, y, z, w), _ = decompose(pose)
+        images.append(((w, x, y, z), translation, number, camera.name))
     rows = [(number, inner.size, *_model_of(inner)) for inner, number in numbers.items()]
     _refuse_other_model(folder, suffix)
     folder.mkdir(exist_ok=True)

@@ -37,7 +37,7 @@ from rasterjit.io.cameras import intrinsic_matrix
 from rasterjit.io.gltf.json_checks import get_integer, get_list
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.arrays import Float64
-from rasterjit.scene.decomposed_transform import quaternion_from_axes
+from rasterjit.scene.decomposed_transform import decompose
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.transforms import Matrix, compose, identity, inverse, rotate
 
@@ -46,7 +46,7 @@ FORMAT = "OpenCV's YAML"
 COEFFICIENTS = (
     "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"
 )  # fmt: skip
-COUNTS = (0, 1, 4, 5, 8, 12, 14)
+COUNTS = (0, 4, 5, 8, 12, 14)
 """Numbers of coefficients that OpenCV knows."""
 
 SINGLE = ("camera_matrix", "distortion_coefficients")
@@ -166,7 +166,7 @@ def _make_pose(rotation: Float64, translation: Float64) -> Matrix:
 
 def _rotation_vector(pose: Matrix) -> list[float]:
     """Return OpenCV's rotation vector of a pose: its axis, as long as the angle in radians."""
-    x, y, z, w = quaternion_from_axes(*map(tuple, pose[:3, :3].T.tolist()))  # type: ignore[arg-type]
+    x, y, z, w = decompose(pose).rotation
     sine = math.sqrt(x * x + y * y + z * z)
     if sine == 0.0:
         return [0.0, 0.0, 0.0]
@@ -219,7 +219,7 @@ def _format_intrinsics(intrinsics: Intrinsics, matrix: str, coefficients: str) -
     names = EQUIDISTANT if isinstance(lens, FisheyeLens) else COEFFICIENTS
     values = [getattr(lens, name, 0.0) for name in names]
     if not isinstance(lens, FisheyeLens):
-        values = values[: next(n for n in COUNTS[3:] if not any(values[n:]))]
+        values = values[: next(n for n in COUNTS[2:] if not any(values[n:]))]
     return _format_matrix(matrix, k) + _format_matrix(coefficients, [[value] for value in values])
 
 
