@@ -38,8 +38,8 @@ Pictures and ground truth
     `styles` has looks that are ready made, such as ``rj.styles.studio(scene).render()``.
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
-    of meshes from all sides; `distributed` draws on a Dask cluster what one machine has no time,
-    or no memory, for.
+    of meshes from all sides, and scenes with what is seen and hidden of each object;
+    `distributed` draws on a Dask cluster what one machine has no time, or no memory, for.
 To look at
     `show` opens a window, a page, a notebook's widget or a terminal; `mpl` draws scenes into
     matplotlib's axes. Frames, scenes and meshes show themselves in notebooks.

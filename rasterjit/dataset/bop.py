@@ -30,13 +30,13 @@ from numpy.typing import NDArray
 
 from rasterjit.dataset.object_views import Box, LabelledView, ObjectView
 from rasterjit.io.atomic_write import atomic_folder
-from rasterjit.io.images import encode_png, quantize
-from rasterjit.io.load_warnings import LoadWarning, SaveWarning
+from rasterjit.io.images import decode_picture, encode_png, quantize
+from rasterjit.io.load_warnings import LoadWarning, SaveWarning, reason_of
 from rasterjit.io.meshes import load
 from rasterjit.outputs.save import MAX_CODE
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.transforms import Matrix
-from rasterjit.scene.validation import brief, check_rotation, existing_folder
+from rasterjit.scene.validation import brief, check_rotation, existing_folder, whole_number
 from rasterjit.scene.warning import warn_caller
 
 __all__ = [
@@ -65,6 +65,9 @@ INFO_KEYS = frozenset({
     "bbox_obj", "bbox_visib", "px_count_all", "px_count_valid", "px_count_visib", "visib_fract",
 })  # fmt: skip
 """Keys of an image, and of an object in it."""
+
+MAX_NUMBER = 999_999
+"""Largest number of a view: names of files have six digits."""
 
 NO_BOX = [-1, -1, -1, -1]
 """Boxes of objects of which nothing is seen."""
@@ -204,7 +207,7 @@ def write_scene(folder: str | os.PathLike[str], views: Iterable[LabelledView]) -
         for view in views:
             if not isinstance(view, LabelledView):
                 raise ValueError(f"views must be LabelledView, got {brief(view)}")
-            key = str(view.number)
+            key = str(whole_number("views: the number", view.number, 0, MAX_NUMBER))
             if key in documents[0]:
                 raise ValueError(f"views must have different numbers, got {key} twice")
             _write_pictures(temporary, view)
@@ -311,17 +314,26 @@ class SceneViews(Sequence[LabelledView]):
         if "cam_R_w2c" in camera:
             world = _read_pose(file, where, camera, "cam_R_w2c", "cam_t_w2c")
         scale = float(_read_numbers(file, where, camera, "depth_scale", 1)[0])
-        depth = self._read_picture("depth", number)
-        if depth is not None:
-            codes = depth.astype(np.float32)
-            depth = np.where(codes == 0.0, np.float32(np.inf), codes * np.float32(scale))
+        color, codes = (self._read_picture(kind, number) for kind in ("color", "depth"))
+        depth = None
+        if codes is not None:
+            steps = codes.astype(np.float32)
+            depth = np.where(steps == 0.0, np.float32(np.inf), steps * np.float32(scale))
         objects = []
         for k, pose in enumerate(poses):
             masks = [self._read_mask(name, number, k) for name in MASKS]
             objects.append(self._read_object(f"{where}, object {k}", pose, seen and seen[k], masks))
+        masks = [mask for one in objects for mask in (one.mask, one.visible)]
+        sizes = {one.shape[:2] for one in (color, depth, *masks) if one is not None}
+        if len(sizes) > 1:
+            raise ValueError(
+                f"{self.folder}: pictures and masks of {where} must have one size, got "
+                f"{' and '.join(f'{width} x {height}' for height, width in sorted(sizes))}"
+            )
         return LabelledView(
             number, _read_numbers(file, where, camera, "cam_K", 9).reshape(3, 3), world,
-            self._read_picture("color", number), depth, scale, tuple(objects),
+            color if color is None or color.ndim == 2 else color[..., :3], depth, scale,
+            tuple(objects),
         )  # fmt: skip
 
     def _read_object(
@@ -332,7 +344,7 @@ class SceneViews(Sequence[LabelledView]):
         name = int(_read_numbers(file, where, pose, "obj_id", 1)[0])
         matrix = _read_pose(file, where, pose, "cam_R_m2c", "cam_t_m2c")
         if seen is None:
-            return ObjectView(name, matrix, *masks, NOTHING, NOTHING, 0, 0, 0)
+            return ObjectView(name, matrix, masks[0], masks[1], NOTHING, NOTHING, 0, 0, 0)
         file = self.folder / SCENE_FILES[2]
         boxes = [_read_box(file, where, seen, key) for key in ("bbox_obj", "bbox_visib")]
         area, measured, visible = (
@@ -344,19 +356,19 @@ class SceneViews(Sequence[LabelledView]):
         )
 
     def _read_picture(self, kind: str, number: int) -> NDArray[Any] | None:
-        """Return colour or depth of a view; ``None`` if there is no such file."""
+        """Return colour or codes of depth of a view; ``None`` if there is no such file."""
         folders, extensions = PICTURES[kind]
         for name in folders:
             for extension in extensions:
                 path = self.folder / name / f"{number:06d}{extension}"
                 if path.exists():
-                    return _read_image(path)
+                    return _read_image(path, kind == "depth")
         return None
 
     def _read_mask(self, name: str, number: int, place: int) -> NDArray[np.bool_] | None:
         """Return a mask; ``None`` if there is no such file."""
         path = self.folder / name / f"{number:06d}_{place:06d}.png"
-        return _read_image(path) > 0 if path.exists() else None
+        return _read_image(path, True) > 0 if path.exists() else None
 
 
 # Writing.
@@ -531,7 +543,7 @@ def _read_json(path: Path) -> dict[int, Any]:
         return {int(key): row for key, row in document.items()}
     except OSError as error:
         raise ValueError(f"{path}: it cannot be read: {error.strerror}") from None
-    except (ValueError, AttributeError):
+    except (ValueError, AttributeError, RecursionError):
         raise ValueError(f"{path}: it must be a JSON object with numbers for keys") from None
 
 
@@ -540,7 +552,7 @@ def _read_numbers(path: Path, where: str, row: Any, key: str, count: int) -> NDA
     value = row.get(key) if isinstance(row, Mapping) else None
     try:
         numbers = np.array(value, np.float64).ravel()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = np.empty(0)
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise ValueError(
@@ -563,11 +575,12 @@ def _read_box(path: Path, where: str, row: Any, key: str) -> Box:
     return NOTHING if box == NO_BOX else (box[0], box[1], box[2] + 1, box[3] + 1)
 
 
-def _read_image(path: Path) -> NDArray[Any]:
-    """Return the pixels of a file, or raise ``ValueError``."""
-    import imageio.v3 as iio
-
+def _read_image(path: Path, is_grey: bool) -> NDArray[Any]:
+    """Return the pixels of a file, (H, W) if it must be grey, or raise ``ValueError``."""
     try:
-        return np.asarray(iio.imread(path, plugin="pillow"))
-    except (OSError, ValueError, SyntaxError) as error:
-        raise ValueError(f"{path}: it cannot be read: {error}") from None
+        pixels = decode_picture(path.read_bytes())
+    except Exception as error:
+        raise ValueError(f"{path}: it cannot be read: {reason_of(error)}") from error
+    if is_grey and pixels.ndim != 2:
+        raise ValueError(f"{path}: it must be grey, got {pixels.shape[2]} channels")
+    return pixels

@@ -41,7 +41,7 @@ Box = tuple[int, int, int, int]
 CANVAS = 3
 """Sides of the canvas of silhouettes, in sides of the picture, which is in its middle."""
 
-MAX_PIXELS = 1 << 24
+MAX_PIXELS = 1 << 22
 """Most pixels that are drawn at once, of all views of a group."""
 
 MIN_WINDOW = 32

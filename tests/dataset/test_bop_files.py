@@ -316,6 +316,13 @@ def test_missing_and_unreadable_files_are_named(tmp_path):
     (folder / "mask/000000_000000.png").write_bytes(b"none")
     with pytest.raises(ValueError, match=r"000000_000000.png: it cannot be read"):
         bop.read_scene(folder)[0]
+    for mask, said in (
+        (np.zeros((8, 9), np.uint8), "must have one size, got 9 x 8 and 80 x 60"),
+        (np.zeros((HEIGHT, WIDTH, 3), np.uint8), "000000_000000.png: it must be grey, got 3"),
+    ):
+        iio.imwrite(folder / "mask/000000_000000.png", mask)
+        with pytest.raises(ValueError, match=said):
+            bop.read_scene(folder)[0]
     (folder / "scene_gt.json").unlink()
     with pytest.raises(ValueError, match=r"scene_gt.json: it cannot be read"):
         bop.read_scene(folder)
@@ -334,6 +341,7 @@ def test_nothing_is_written_of_what_is_wrong(tmp_path):
     far = view._replace(depth=np.full((HEIGHT, WIDTH), 1e5, np.float32))
     for folder, views, said in (
         ("new", [view, view], "different numbers, got 0 twice"), ("new", [], "at least one view"),
+        ("new", [view._replace(number=-1)], "views: the number must"),
         ("new", [view, 3], "must be LabelledView"), ("new", [far], "at most 65535 times"),
         ("new", [scaled], r"the pose of object 1 in view 0 must hold a rotation"),
         ("mine", [view], "holds other things"), ("mine/note.txt", [view], "is a file"),
