@@ -380,6 +380,7 @@ ALLOWED = {
     ("styles/shadow_catcher.py", "sum"): "whole numbers: counts of faces",
     ("styles/style.py", "dot"): "our own, three terms of Python",
     ("io/cameras.py", "dot"): "our own, three terms of Python",
+    ("io/camera_files/yaml_files.py", "sum"): "whole numbers: counts of values",
     ("io/dxf.py", "sum"): "whole numbers: counts of entities and corners",
     ("animation/tracks.py", "sum"): "between two keys all is SciPy's affair",
     ("animation/tracks.py", "@"): "between two keys all is SciPy's affair",

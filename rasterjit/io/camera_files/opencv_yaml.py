@@ -39,7 +39,15 @@ from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.arrays import Float64
 from rasterjit.scene.decomposed_transform import decompose
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
-from rasterjit.scene.transforms import Matrix, compose, identity, inverse, rotate
+from rasterjit.scene.transforms import (
+    Matrix,
+    arc_tangent,
+    compose,
+    identity,
+    inverse,
+    rotate,
+)
+from rasterjit.scene.vectors import length
 
 FORMAT = "OpenCV's YAML"
 
@@ -154,8 +162,8 @@ def _read_stereo_pose(file: Path, document: dict[str, Any], left_out: LeftOut) -
 def _make_pose(rotation: Float64, translation: Float64) -> Matrix:
     """Return a pose from a rotation, a matrix or OpenCV's vector, and a translation."""
     if rotation.size == 3:
-        vector = rotation.ravel()
-        angle = math.degrees(float(np.linalg.norm(vector)))
+        vector = rotation.ravel().tolist()
+        angle = math.degrees(length(vector))
         pose = rotate(vector, angle) if angle else identity()
     else:
         pose = identity()
@@ -166,14 +174,13 @@ def _make_pose(rotation: Float64, translation: Float64) -> Matrix:
 
 def _rotation_vector(pose: Matrix) -> list[float]:
     """Return OpenCV's rotation vector of a pose: its axis, as long as the angle in radians."""
-    x, y, z, w = decompose(pose).rotation
-    sine = math.sqrt(x * x + y * y + z * z)
+    *axis, w = decompose(pose).rotation
+    sine = length(axis)
     if sine == 0.0:
         return [0.0, 0.0, 0.0]
-    angle = 2.0 * math.atan2(sine, w)
-    if angle > math.pi:
-        angle -= 2.0 * math.pi
-    return [part * angle / sine for part in (x, y, z)]
+    # A turn by more than half of one is one the other way.
+    angle = math.radians(2.0 * arc_tangent(sine, abs(w)))
+    return [math.copysign(1.0, w) * part * angle / sine for part in axis]
 
 
 def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
