@@ -68,21 +68,20 @@ def test_small_views_that_are_drawn_alone_share_tasks_too(cube, client, monkeypa
     sizes, submit = [], frames_of_clusters.FrameFarm.submit
     monkeypatch.setattr(
         frames_of_clusters.FrameFarm, "submit",
-        lambda farm, some, first: (sizes.append(len(some)), submit(farm, some, first))[1],
+        lambda farm, some, first: (
+            sizes.append((len(some), farm.pace.group_size)), submit(farm, some, first),
+        )[1],
     )  # fmt: skip
-    scene = rj.Scene()
-    scene.add(cube)
-    scene.lights = [rj.DirectionalLight((-1.0, -2.0, -1.0), shadow=rj.Shadow())]
-    frames = list(rj.render_many(scene, list(cameras(40)), size=SIZE, client=client))
-    assert are_those_of_render(frames, scene)
-    assert sizes == [1] * 4 + [9] * 4
-    assert not any("all stages" in one.stats.seconds for one in frames)
+    points = rj.Points(cube.vertices, size=3.0)
+    frames = list(rj.render_many(points, list(cameras(40)), size=SIZE, client=client))
+    assert are_those_of_render(frames, points)
+    assert sizes == [(1, 1)] * 4 + [(9, 1)] * 4
     # Groups are of 32 at most, and tasks of several.
     sizes.clear()
     given = list(cameras(204))
     found = list(rj.render_many(cube, given, size=SIZE, client=client, then=lambda one: one.number))
     assert found == list(range(204))
-    assert sizes == [1] * 4 + [50] * 4
+    assert sizes == [(1, 1)] * 4 + [(50, 32)] * 4
 
 
 def test_a_function_is_called_on_the_workers(cube, client):
