@@ -21,7 +21,7 @@ from __future__ import annotations
 import os
 from collections.abc import Hashable
 from dataclasses import replace
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,6 +85,14 @@ def create_renderer(
     return Renderer(width, height, mode, shading, bg_color)
 
 
+class _Model(NamedTuple):
+    """A model that was added."""
+
+    scene: Scene
+    fronts: NDArray[np.float64]
+    """(F, 3): vectors to the front of each face."""
+
+
 class Renderer:
     """
     Draws one model at a time, in the pose of BOP's ``cam_R_m2c`` and ``cam_t_m2c``.
@@ -130,7 +138,7 @@ class Renderer:
         self.pixel_center = bounded_number("pixel_center", pixel_center, 0.0, 1.0)
         self.light_cam_pos = (0.0, 0.0, 0.0)
         self.light_ambient_weight = 0.5
-        self._scenes: dict[Hashable, Scene] = {}
+        self._models: dict[Hashable, _Model] = {}
         self._engine = Engine((self.width, self.height), quality=Quality(), threads=threads)
         self._engine.warned = None
 
@@ -184,7 +192,8 @@ class Renderer:
         loaded, scene = load(model_path), Scene()
         for node in loaded.nodes:
             scene.add(_show_codes(node.mesh, color), node.world_matrix)
-        self._scenes[obj_id] = scene
+        fronts = np.concatenate([_find_fronts(node) for node in scene.nodes])
+        self._models[obj_id] = _Model(scene, fronts)
 
     def remove_object(self, obj_id: Hashable) -> None:
         """
@@ -195,8 +204,8 @@ class Renderer:
         ValueError
             If there is none of that id.
         """
-        self._find_scene(obj_id)
-        del self._scenes[obj_id]
+        self._find_model(obj_id)
+        del self._models[obj_id]
 
     def render_object(
         self, obj_id: Hashable, R: ArrayLike, t: ArrayLike, fx: float, fy: float, cx: float,
@@ -227,53 +236,59 @@ class Renderer:
         ValueError
             Naming the argument that is wrong.
         """
-        scene = self._find_scene(obj_id)
+        model = self._find_model(obj_id)
         shift = 0.0 - self.pixel_center
         camera = from_opencv(
             [[fx, 0.0, cx + shift], [0.0, fy, cy + shift], [0.0, 0.0, 1.0]],
             (self.width, self.height), rotation=R, translation=t,
         )  # fmt: skip
         outputs = () if self.mode == "depth" else LIT_OUTPUTS[self.shading]
-        frame = self._engine.render(scene, camera, outputs=("depth", *outputs))
+        frame = self._engine.render(model.scene, camera, outputs=("depth", *outputs))
         is_seen = np.isfinite(frame.depth)
         result: dict[str, NDArray[Any]] = {}
         if self.mode != "depth":
-            result["rgb"] = self._light(scene, frame.arrays(), is_seen, camera.view_from_world)
+            seen = np.flatnonzero(is_seen)
+            result["rgb"] = self._light(model, frame.arrays(), seen, camera.view_from_world)
         if self.mode != "rgb":
             result["depth"] = np.where(is_seen, frame.depth, np.float32(0.0))
         return result
 
-    def _find_scene(self, obj_id: Hashable) -> Scene:
-        """Return the scene of a model, or raise ``ValueError``."""
+    def _find_model(self, obj_id: Hashable) -> _Model:
+        """Return a model, or raise ``ValueError``."""
         try:
-            return self._scenes[obj_id]
+            return self._models[obj_id]
         except (KeyError, TypeError):
-            known = ", ".join(map(repr, self._scenes)) or "no object"
+            known = ", ".join(map(repr, self._models)) or "no object"
             raise ValueError(
                 f"obj_id must be one that add_object was given ({known}), got {brief(obj_id)}"
             ) from None
 
     def _light(
-        self, scene: Scene, arrays: dict[str, NDArray[Any]], is_seen: NDArray[np.bool_],
+        self, model: _Model, arrays: dict[str, NDArray[Any]], seen: NDArray[np.int64],
         view: NDArray[np.float64],
     ) -> NDArray[np.uint8]:  # fmt: skip
         """Return the lit picture: codes times ambient plus diffuse light, at most 1 together."""
-        positions = arrays["position"][is_seen] @ view[:3, :3].T + view[:3, 3]
-        normals = arrays["geometric_normal"][is_seen]
+        rows = {name: array.reshape(self.height * self.width, -1) for name, array in arrays.items()}
+        positions = rows["position"][seen] @ view[:3, :3].T + view[:3, 3]
+        normals = rows["geometric_normal"][seen]
         if self.shading == "phong":
             # Ours face the eye; the toolkit's are those of the front, on back faces too.
-            fronts = np.concatenate([_find_fronts(node) for node in scene.nodes])
-            is_back = _dot(fronts[arrays["face_id"][is_seen]], normals) < 0.0
-            normals = np.where(is_back[:, None], -1.0, 1.0) * arrays["normal"][is_seen]
+            is_back = _dot(model.fronts[rows["face_id"][seen, 0]], normals) < 0.0
+            normals = np.where(is_back[:, None], -1.0, 1.0) * rows["normal"][seen]
         normals = normals @ view[:3, :3].T
         to_light = np.array(self.light_cam_pos) - positions
         cosine = _dot(normals, to_light)
-        cosine /= np.maximum(np.linalg.norm(to_light, axis=1), np.finfo(np.float64).tiny)
+        cosine /= np.maximum(np.sqrt(_dot(to_light, to_light)), np.finfo(np.float64).tiny)
         weight = np.minimum(self.light_ambient_weight + np.maximum(cosine, 0.0), 1.0)
-        codes = np.empty((*is_seen.shape, 3))
-        codes[:] = self.bg_color[:3]
-        codes[is_seen] = arrays["linear"][..., :3][is_seen] * weight[:, None]
-        return np.floor(255.0 * codes + 0.5).astype(np.uint8)
+        picture = np.empty((len(rows["linear"]), 3), np.uint8)
+        picture[:] = _quantize(np.array(self.bg_color[:3]))
+        picture[seen] = _quantize(rows["linear"][seen, :3] * weight[:, None])
+        return picture.reshape(self.height, self.width, 3)
+
+
+def _quantize(codes: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return codes in 0..1 as bytes, rounded half up."""
+    return np.floor(255.0 * codes + 0.5).astype(np.uint8)
 
 
 def _dot(rows: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
