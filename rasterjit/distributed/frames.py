@@ -274,7 +274,17 @@ class FrameFarm:
         """Return the next frame of a task when the task is done, or what was made of it."""
         task, cameras, drawn = frame_task
         if task in self._tasks:
-            drawn += self._farm.result(task)
+            try:
+                drawn += self._farm.result(task)
+            except TypeError as error:
+                if self._then is None or task.future is None or task.future.status == "error":
+                    raise
+                # The task is done, and its results do not arrive.
+                first, reason = task.arguments[1], str(error).strip().splitlines()[-1]
+                raise RuntimeError(
+                    "then must return what pickles, to come from a cluster, of cameras"
+                    f"[{first}:{first + len(cameras)}]: {reason}"
+                ) from None
             self._tasks.remove(task)
         result, camera = drawn.popleft().unwrap(self._warned), cameras.pop(0)
         if self._then is None:

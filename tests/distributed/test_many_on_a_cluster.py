@@ -116,6 +116,11 @@ def test_an_error_of_the_function_tells_the_camera(cube, client):
     with pytest.raises(RuntimeError, match=message):
         found.extend(rj.render_many(cube, list(cameras(40)), size=SIZE, client=client, then=fail))
     assert found == list(range(17))
+    frames = rj.render_many(
+        cube, list(cameras(3)), size=SIZE, client=client, then=lambda frame: threading.Lock()
+    )
+    with pytest.raises(RuntimeError, match=r"^then must return what .*\[0:1\]: TypeError: cannot"):
+        list(frames)
     lock = threading.Lock()
     with pytest.raises(ValueError, match=r"then must pickle.* got function: TypeError: cannot"):
         rj.render_many(cube, cameras(1), size=SIZE, client=client, then=lambda frame: lock)
