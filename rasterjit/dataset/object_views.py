@@ -9,7 +9,9 @@ but only in a window around the object, and many views at once.
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -33,7 +35,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import brief, finite_number, positive_number
-from rasterjit.scene.warning import REPEATED, silence_warnings
+from rasterjit.scene.warning import REPEATED, silence_warnings, warn_caller
 
 Box = tuple[int, int, int, int]
 """Left column, top row, width and height, pixels."""
@@ -163,6 +165,11 @@ def render_objects(
         Naming the argument that is wrong, at once; a depth of more than 65535 steps, when its view
         is drawn.
 
+    Warns
+    -----
+    ViewWarning
+        As `rasterjit.render_batch` does, once of each kind.
+
     Notes
     -----
     With ``delta``, a pixel of the silhouette is visible where the picture has no depth, or where
@@ -256,6 +263,7 @@ class _Drawer:
         self.names, self.size, self.delta, self.step = names, size, delta, step
         self.quality, self.background, self.threads = quality, background, threads
         self.alone = [self._isolate(place) for place in names]
+        self.told: set[str] = set()
 
     def _isolate(self, place: int) -> Scene:
         """Return the scene with one of its objects alone."""
@@ -268,11 +276,12 @@ class _Drawer:
         given: NDArray[np.float64] | None,
     ) -> Iterator[LabelledView]:  # fmt: skip
         """Yield a group of views, the first of which has the number ``start``."""
-        batch = render_batch(
-            self.scene, cameras, size=self.size, outputs=("color", "depth", "object_id"),
-            quality=self.quality, background=self.background, transforms=given,
-            threads=self.threads,
-        )  # fmt: skip
+        with self._number_warnings(start):
+            batch = render_batch(
+                self.scene, cameras, size=self.size, outputs=("color", "depth", "object_id"),
+                quality=self.quality, background=self.background, transforms=given,
+                threads=self.threads,
+            )  # fmt: skip
         places = compose_with_posed(given, self.scene)
         if places is None:
             standing = np.stack([node.world_matrix for node in self.scene.nodes])
@@ -296,6 +305,20 @@ class _Drawer:
                     for place, part in zip(self.names, parts, strict=True)
                 ),
             )  # fmt: skip
+
+    @contextmanager
+    def _number_warnings(self, start: int) -> Iterator[None]:
+        """Issue warnings of a group once, with the numbers of its cameras among all."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            yield
+        for warning in caught:
+            text, camera, number = str(warning.message).partition("(cameras[")
+            if text not in self.told:
+                self.told.add(text)
+                if camera:
+                    text += f"{camera}{start + int(number.rstrip('])'))}])"
+                warn_caller(text, warning.category)
 
     # Silhouettes.
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.dataset import bop, render_objects
+from rasterjit.dataset import bop, object_views, render_objects
 
 MODELS = Path(__file__).parents[2] / "models"
 WIDTH, HEIGHT = SIZE = 80, 60
@@ -375,6 +375,19 @@ def test_arguments_are_checked_at_once(options, said):
     scene.add(quad())
     with pytest.raises(ValueError, match=said):
         render_objects(**{"scene": scene, "cameras": [CAMERA], "size": SIZE} | options)
+
+
+def test_warnings_name_the_camera_among_all(monkeypatch):
+    monkeypatch.setattr(object_views, "MAX_PIXELS", 2 * WIDTH * HEIGHT)
+    scene = rj.Scene()
+    scene.add(quad(), rj.transforms.translate((0, 0, 20)))
+    away = rj.cameras.from_opencv(K, SIZE, translation=(0, 0, -40))
+    cameras = [CAMERA, CAMERA, CAMERA, away, away]
+    with pytest.warns(rj.ViewWarning) as caught:
+        views = [*render_objects(scene, cameras, size=SIZE)]
+    assert [str(one.message).partition("(")[2] for one in caught] == ["cameras[3])"]
+    assert caught[0].filename == __file__
+    assert [view.objects[0].area > 0 for view in views] == [True, True, True, False, False]
 
 
 def test_points_have_no_silhouette():
