@@ -561,8 +561,12 @@ CANNOT_HOLD = [
     ("bundler", None, {}, "principal point in the middle.*Bundler"),
     ("bundler", OPENCV, CENTERED, "got p1 = 0.001"),
     ("bundler", FISHEYE, CENTERED, "for Bundler, got k3"),
-    ("opencv", TIGHT, {}, "lens of OpenCV's"),
-    ("opencv", PANORAMA, {"size": (640, 320)}, "lens of OpenCV's"),
+    ("opencv", TIGHT, {}, r"camera 'images/0.png': lens .*got fov = 180\.0"),
+    ("opencv", PANORAMA, {"size": (640, 320)}, "lens must be none or of OpenCV's"),
+    ("opencv", [None, FISHEYE], {}, "camera 'images/1.png': it must have a lens as others"),
+    ("opencv", [None, OPENCV, None], {}, "the same intrinsics, or be two, for .*, got 3"),
+    ("opencv", [None, OPENCV], {}, "must be where the world's origin is"),
+    ("nerfstudio", [OPENCV, FISHEYE], {}, "lenses of one model .*, got OPENCV, OPENCV_FISHEYE"),
     ("kalibr", BROWN, {"at": AS_OPENCV}, "got k3 = 0.004"),
     ("kalibr", OPENCV, {}, "must be where the world's origin is"),
 ]
@@ -570,8 +574,11 @@ CANNOT_HOLD = [
 
 @pytest.mark.parametrize(("file_format", "lens", "made", "match"), CANNOT_HOLD)
 def test_what_a_format_cannot_hold_is_refused(tmp_path, file_format, lens, made, match):
+    lenses = lens if isinstance(lens, list) else [lens] * 2
+    made = random_cameras(count=len(lenses), **made)
+    cameras = [dataclasses.replace(one, lens=own) for one, own in zip(made, lenses, strict=True)]
     with pytest.raises(ValueError, match=match):
-        rj.save_cameras(tmp_path / "out", random_cameras(lens, **made), format=file_format)
+        rj.save_cameras(tmp_path / "out", cameras, format=file_format)
     assert not list(tmp_path.iterdir())
 
 
@@ -598,7 +605,7 @@ def test_skew_is_held_by_opencv_alone(tmp_path):
     places = np.c_[POINTS[:, :2], np.abs(POINTS[:, 2]) + 1.0]
     np.testing.assert_allclose(found.project(places), one.project(places), rtol=0, atol=1e-9)
     for file_format in ("colmap", "nerfstudio", "kalibr"):
-        with pytest.raises(ValueError, match=r"camera 'a\.png' must have no skew"):
+        with pytest.raises(ValueError, match=r"camera 'a\.png': it must have no skew"):
             rj.save_cameras(tmp_path / "out", [one], format=file_format)
 
 

@@ -27,8 +27,10 @@ from rasterjit.io.camera_files.calibration import (
     join_camera,
     lens_coefficients,
     make_lens,
+    naming,
     reading,
     refuse,
+    refuse_skew,
     split_camera,
 )
 from rasterjit.io.camera_files.transforms_json import image_file_size
@@ -127,25 +129,25 @@ def _read_camera(
 def write_bundler(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     """Write a bundle without points, and the list of its images, or raise ``ValueError``."""
     lines = [HEADER, f"{len(cameras)} 0"]
+    has_names = any(camera.name for camera in cameras)
     for camera in cameras:
-        intrinsics, pose = split_camera(camera)
-        lens = lens_coefficients(intrinsics.lens, RADIAL, FORMAT)
-        is_plain = intrinsics.is_centered and math.isclose(intrinsics.fx, intrinsics.fy)
-        refuse(
-            not is_plain or abs(intrinsics.skew) > 1e-9 * intrinsics.fx,
-            camera,
-            "must have square pixels and its principal point in the middle of the image for "
-            f"{FORMAT}, got {intrinsics}",
-        )
-        is_word = camera.name.split() == [camera.name]
-        has_name = any(one.name for one in cameras)
-        refuse(has_name and not is_word, camera, f"must have a name without spaces for {FORMAT}")
+        with naming(camera):
+            intrinsics, pose = split_camera(camera)
+            lens = lens_coefficients(intrinsics.lens, RADIAL, FORMAT)
+            refuse_skew(intrinsics, FORMAT)
+            refuse(
+                not (intrinsics.is_centered and math.isclose(intrinsics.fx, intrinsics.fy)),
+                "it must have square pixels and its principal point in the middle of the image for "
+                f"{FORMAT}, got {intrinsics}",
+            )
+            is_word = camera.name.split() == [camera.name]
+            refuse(has_names and not is_word, f"it must have a name without spaces for {FORMAT}")
         view = compose(FLIP_YZ, pose)
         for numbers in ([intrinsics.fx, *lens], *view[:3, :3].tolist(), view[:3, 3].tolist()):
             lines.append(" ".join(map(repr, numbers)))
     with ExitStack() as stack:
         texts = {file: lines}
-        if any(camera.name for camera in cameras):
+        if has_names:
             texts[_list_beside(file)] = [camera.name for camera in cameras]
         places = {path: stack.enter_context(atomic_file(path)) for path in texts}
         for path, place in places.items():

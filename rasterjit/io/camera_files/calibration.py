@@ -197,16 +197,25 @@ def lens_coefficients(lens: Lens | None, names: Sequence[str], file_format: str)
     return [getattr(lens, name) for name in names]
 
 
-def refuse(condition: bool, camera: CalibratedCamera, message: str) -> None:
-    """Raise ``ValueError`` that names a camera's image, if the condition holds."""
+@contextmanager
+def naming(camera: CalibratedCamera) -> Iterator[None]:
+    """Let errors of a writer name the image of a camera."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"camera {camera.name!r}: {error}") from None
+
+
+def refuse(condition: bool, message: str) -> None:
+    """Raise ``ValueError`` if the condition holds."""
     if condition:
-        raise ValueError(f"camera {camera.name!r} {message}")
+        raise ValueError(message)
 
 
-def refuse_skew(camera: CalibratedCamera, intrinsics: Intrinsics, file_format: str) -> None:
+def refuse_skew(intrinsics: Intrinsics, file_format: str) -> None:
     """Raise ``ValueError`` if a camera has skew, which few formats can hold."""
     is_skewed = abs(intrinsics.skew) > 1e-9 * intrinsics.fx
-    refuse(is_skewed, camera, f"must have no skew for {file_format}, got {intrinsics.skew!r}")
+    refuse(is_skewed, f"it must have no skew for {file_format}, got {intrinsics.skew!r}")
 
 
 @contextmanager

@@ -31,6 +31,7 @@ from rasterjit.io.camera_files.calibration import (
     lens_coefficients,
     make_lens,
     make_panorama,
+    naming,
     reading,
     refuse,
     refuse_skew,
@@ -278,19 +279,20 @@ _BINARY_READERS = _read_binary_cameras, _read_binary_images
 def write_colmap(folder: Path, suffix: str, cameras: Sequence[CalibratedCamera]) -> None:
     """Write a model without points, ``.txt`` or ``.bin``, or raise ``ValueError``."""
     numbers: dict[Intrinsics, int] = {}
-    images = []
+    rows, images = [], []
     for camera in cameras:
-        has_name = camera.name and not (set(camera.name) & {"\0", "\n", "\r"})
-        refuse(not has_name, camera, f"must have the name of its image for {FORMAT}, in one line")
-        if suffix == ".txt":
-            is_plain = camera.name.split() == [camera.name]
-            refuse(not is_plain, camera, f"must have a name without spaces for {FORMAT}'s text")
-        intrinsics, pose = split_camera(camera)
-        refuse_skew(camera, intrinsics, FORMAT)
-        number = numbers.setdefault(intrinsics, len(numbers) + 1)
+        with naming(camera):
+            has_name = camera.name and not (set(camera.name) & {"\0", "\n", "\r"})
+            refuse(not has_name, f"it must have the name of its image for {FORMAT}, in one line")
+            is_plain = suffix != ".txt" or camera.name.split() == [camera.name]
+            refuse(not is_plain, f"it must have a name without spaces for {FORMAT}'s text")
+            intrinsics, pose = split_camera(camera)
+            refuse_skew(intrinsics, FORMAT)
+            if intrinsics not in numbers:
+                numbers[intrinsics] = len(numbers) + 1
+                rows.append((numbers[intrinsics], intrinsics.size, *_model_of(intrinsics)))
         translation, (x, y, z, w), _ = decompose(pose)
-        images.append(((w, x, y, z), translation, number, camera.name))
-    rows = [(number, inner.size, *_model_of(inner)) for inner, number in numbers.items()]
+        images.append(((w, x, y, z), translation, numbers[intrinsics], camera.name))
     _refuse_other_model(folder, suffix)
     folder.mkdir(exist_ok=True)
     contents = _make_text(rows, images) if suffix == ".txt" else _make_binary(rows, images)

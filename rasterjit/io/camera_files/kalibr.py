@@ -29,6 +29,7 @@ from rasterjit.io.camera_files.calibration import (
     join_camera,
     lens_coefficients,
     make_lens,
+    naming,
     refuse,
     refuse_skew,
     split_camera,
@@ -111,20 +112,20 @@ def write_kalibr(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     """Write a chain, or raise ``ValueError``."""
     lines, before = [], identity()
     for number, camera in enumerate(cameras):
-        intrinsics, pose = split_camera(camera)
-        refuse_skew(camera, intrinsics, FORMAT)
-        if not number:
-            refuse_moved(camera, pose, FORMAT)
-        size, fx, fy, _, cx, cy, lens = intrinsics
-        model, names = (
-            ("equidistant", EQUIDISTANT) if isinstance(lens, FisheyeLens) else ("radtan", RADTAN)
-        )
+        with naming(camera):
+            intrinsics, pose = split_camera(camera)
+            refuse_skew(intrinsics, FORMAT)
+            if not number:
+                refuse_moved(pose, FORMAT)
+            size, fx, fy, _, cx, cy, lens = intrinsics
+            model = "equidistant" if isinstance(lens, FisheyeLens) else "radtan"
+            coefficients = lens_coefficients(lens, DISTORTIONS[model][1], FORMAT)
         lines += [
             f"cam{number}:",
             "  camera_model: pinhole",
             f"  intrinsics: {[fx, fy, cx - 0.5, cy - 0.5]}",
             f"  distortion_model: {model}",
-            f"  distortion_coeffs: {lens_coefficients(lens, names, FORMAT)}",
+            f"  distortion_coeffs: {coefficients}",
             f"  resolution: {list(size)}",
         ]
         if number:
@@ -136,13 +137,12 @@ def write_kalibr(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     write_text(file, "\n".join([*lines, ""]))
 
 
-def refuse_moved(camera: CalibratedCamera, pose: Matrix | Float64, file_format: str) -> None:
+def refuse_moved(pose: Matrix | Float64, file_format: str) -> None:
     """Raise ``ValueError`` if the first camera of a file is not where the world's origin is."""
     is_moved = np.abs(pose - np.eye(4)).max() > IDENTITY_TOLERANCE
     refuse(
         bool(is_moved),
-        camera,
-        f"must be where the world's origin is, x right, y down, z forward, for {file_format}, "
+        f"it must be where the world's origin is, x right, y down, z forward, for {file_format}, "
         "which only holds poses from one camera to the next",
     )
 

@@ -26,7 +26,9 @@ from rasterjit.io.camera_files.calibration import (
     Intrinsics,
     NoLensError,
     join_camera,
+    lens_coefficients,
     make_lens,
+    naming,
     reading,
     refuse,
     split_camera,
@@ -38,7 +40,7 @@ from rasterjit.io.gltf.json_checks import get_integer, get_list
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.arrays import Float64
 from rasterjit.scene.decomposed_transform import decompose
-from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
+from rasterjit.scene.lens import FisheyeLens, PinholeDistortion
 from rasterjit.scene.transforms import (
     Matrix,
     arc_tangent,
@@ -185,16 +187,18 @@ def _rotation_vector(pose: Matrix) -> list[float]:
 
 def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     """Write a calibration of one camera in several views, or of two, or raise ``ValueError``."""
-    inner, poses = zip(*map(split_camera, cameras), strict=True)
+    inner, poses = [], []
+    for camera in cameras:
+        with naming(camera):
+            one, pose = split_camera(camera)
+            inner.append(one)
+            poses.append(pose)
+            refuse(one.size != inner[0].size, f"it must have the size of others for {FORMAT}")
+            kinds = [isinstance(lens, FisheyeLens) for lens in (one.lens, inner[0].lens)]
+            refuse(kinds[0] != kinds[1], f"it must have a lens as others for {FORMAT}")
+            names = EQUIDISTANT if kinds[0] else COEFFICIENTS
+            lens_coefficients(one.lens, names, FORMAT)
     first = inner[0]
-    for camera, one in zip(cameras, inner, strict=True):
-        refuse(one.size != first.size, camera, f"must have the size of others for {FORMAT}")
-        is_fisheye = isinstance(one.lens, FisheyeLens)
-        is_alike = is_fisheye == isinstance(first.lens, FisheyeLens)
-        refuse(not is_alike, camera, f"must have a lens of the model of others for {FORMAT}")
-        is_held = not isinstance(one.lens, Equirectangular)
-        is_held &= not (is_fisheye and one.lens.fov != FisheyeLens.fov)
-        refuse(not is_held, camera, f"must have a lens of OpenCV's for {FORMAT}, got {one.lens!r}")
     lines = ["%YAML:1.0", "---", f"image_width: {first.size[0]}", f"image_height: {first.size[1]}"]
     if isinstance(first.lens, FisheyeLens):
         lines.append("fisheye_model: 1")
@@ -205,10 +209,11 @@ def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
             lines += _format_matrix("extrinsic_parameters", rows)
     else:
         refuse(
-            len(cameras) != 2, cameras[-1],
-            f"must have the intrinsics of others, or be one of two, for {FORMAT}",
-        )  # fmt: skip
-        refuse_moved(cameras[0], poses[0], FORMAT)
+            len(cameras) != 2,
+            f"cameras must have the same intrinsics, or be two, for {FORMAT}, got {len(cameras)}",
+        )
+        with naming(cameras[0]):
+            refuse_moved(poses[0], FORMAT)
         for one, keys in zip(inner, STEREO[0], strict=True):
             lines += _format_intrinsics(one, *keys)
         step = compose(poses[1], inverse(poses[0]))
@@ -224,7 +229,7 @@ def _format_intrinsics(intrinsics: Intrinsics, matrix: str, coefficients: str) -
     _, fx, fy, skew, cx, cy, lens = intrinsics
     k = [[fx, skew, cx - 0.5], [0.0, fy, cy - 0.5], [0.0, 0.0, 1.0]]
     names = EQUIDISTANT if isinstance(lens, FisheyeLens) else COEFFICIENTS
-    values = [getattr(lens, name, 0.0) for name in names]
+    values = lens_coefficients(lens, names, FORMAT)
     if not isinstance(lens, FisheyeLens):
         values = values[: next(n for n in COUNTS[2:] if not any(values[n:]))]
     return _format_matrix(matrix, k) + _format_matrix(coefficients, [[value] for value in values])

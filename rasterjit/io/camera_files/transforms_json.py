@@ -35,6 +35,7 @@ from rasterjit.io.camera_files.calibration import (
     lens_coefficients,
     make_lens,
     make_panorama,
+    naming,
     reading,
     refuse,
     refuse_skew,
@@ -179,13 +180,13 @@ def _read_focal(values: dict[str, Any], axis: str, side: int) -> float | None:
 def write_transforms(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     """Write ``transforms.json``, or raise ``ValueError``."""
     listed = [_split_frame(camera, FORMAT) for camera in cameras]
-    inner = [list_intrinsics(intrinsics) for intrinsics, _ in listed]
+    inner = [intrinsics for _, intrinsics, _ in listed]
     models = {one["camera_model"] for one in inner}
     if len(models) > 1:
         raise ValueError(
             f"cameras must have lenses of one model for {FORMAT}, got {', '.join(sorted(models))}"
         )
-    frames = [frame for _, frame in listed]
+    frames = [frame for *_, frame in listed]
     if all(one == inner[0] for one in inner):
         document = inner[0]
     else:
@@ -198,33 +199,36 @@ def write_transforms(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
 def write_blender(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     """Write a JSON file as those of NeRF's synthetic scenes, or raise ``ValueError``."""
     listed = [_split_frame(camera, BLENDER) for camera in cameras]
-    first = listed[0][0]
-    for camera, (intrinsics, frame) in zip(cameras, listed, strict=True):
-        is_plain = intrinsics.is_centered and math.isclose(intrinsics.fx, intrinsics.fy)
-        refuse(
-            not is_plain or intrinsics.lens is not None,
-            camera,
-            "must have square pixels, its principal point in the middle of the image and no lens "
-            f"for {BLENDER}, got {intrinsics}",
-        )
-        is_same = intrinsics.size == first.size and math.isclose(intrinsics.fx, first.fx)
-        refuse(not is_same, camera, f"must have the size and focal length of others for {BLENDER}")
-        is_png = camera.name.endswith(DEFAULT_SUFFIX)
-        refuse(not is_png, camera, f"must have an image {DEFAULT_SUFFIX} for {BLENDER}")
-        frame["file_path"] = camera.name.removesuffix(DEFAULT_SUFFIX)
-        has_dot = PurePosixPath(frame["file_path"]).suffix
-        refuse(bool(has_dot), camera, f"must have one suffix for {BLENDER}")
-    angle = list_intrinsics(first)["camera_angle_x"]
-    _write(file, {"camera_angle_x": angle, "frames": [frame for _, frame in listed]})
+    first, document, _ = listed[0]
+    for camera, (intrinsics, _, frame) in zip(cameras, listed, strict=True):
+        with naming(camera):
+            is_plain = intrinsics.is_centered and math.isclose(intrinsics.fx, intrinsics.fy)
+            refuse(
+                not is_plain or intrinsics.lens is not None,
+                "it must have square pixels, its principal point in the middle of the image and no "
+                f"lens for {BLENDER}, got {intrinsics}",
+            )
+            is_same = intrinsics.size == first.size and math.isclose(intrinsics.fx, first.fx)
+            refuse(not is_same, f"it must have the size and focal length of others for {BLENDER}")
+            stem = camera.name.removesuffix(DEFAULT_SUFFIX)
+            refuse(stem == camera.name, f"it must have an image {DEFAULT_SUFFIX} for {BLENDER}")
+            refuse(bool(PurePosixPath(stem).suffix), f"it must have one suffix for {BLENDER}")
+            frame["file_path"] = stem
+    angle = document["camera_angle_x"]
+    _write(file, {"camera_angle_x": angle, "frames": [frame for *_, frame in listed]})
 
 
-def _split_frame(camera: CalibratedCamera, file_format: str) -> tuple[Intrinsics, dict[str, Any]]:
-    """Return the intrinsics and the frame of a camera, or raise ``ValueError``."""
-    refuse(not camera.name, camera, f"must have the name of its image for {file_format}")
-    intrinsics, _ = split_camera(camera)
-    refuse_skew(camera, intrinsics, file_format)
-    pose = transforms.inverse(camera.camera.view_matrix()).tolist()
-    return intrinsics, {"file_path": camera.name, "transform_matrix": pose}
+def _split_frame(
+    camera: CalibratedCamera, file_format: str
+) -> tuple[Intrinsics, dict[str, Any], dict[str, Any]]:
+    """Return the intrinsics of a camera, those by their keys, and its frame, or raise."""
+    with naming(camera):
+        refuse(not camera.name, f"it must have the name of its image for {file_format}")
+        intrinsics, _ = split_camera(camera)
+        refuse_skew(intrinsics, file_format)
+        pose = transforms.inverse(camera.camera.view_matrix()).tolist()
+        frame = {"file_path": camera.name, "transform_matrix": pose}
+        return intrinsics, list_intrinsics(intrinsics), frame
 
 
 def list_intrinsics(intrinsics: Intrinsics) -> dict[str, Any]:
