@@ -5,11 +5,15 @@ Write and read data sets for 6D object pose in the BOP format.
 ``train/000000``, holds pictures, 16-bit depth, masks, and three JSON files with cameras, poses, and
 what is seen of each object. Lengths are millimetres.
 
+>>> import rasterjit as rj
 >>> from rasterjit.dataset import bop, render_objects
->>> bop.write_models("set/models", {1: mesh, 2: other})
->>> bop.write_scene("set/train/000000", render_objects(scene, cameras, size=(640, 480)))
->>> for view in bop.read_scene("set/train/000000"):
-...     print(view.number, [one.visible_share for one in view.objects])
+>>> scene = rj.load("models/teapot.obj")
+>>> cameras = [rj.fit_camera(scene, rj.orbit_direction(angle, 20.0)) for angle in (0, 90)]
+>>> bop.write_models("teapots/models", {1: scene.nodes[0].mesh})
+>>> bop.write_scene("teapots/train/000000", render_objects(scene, cameras, size=(64, 48)))
+2
+>>> [view.objects[0].visible_share for view in bop.read_scene("teapots/train/000000")]
+[1.0, 1.0]
 
 References
 ----------
