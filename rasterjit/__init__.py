@@ -14,7 +14,8 @@ What is drawn
     what you make; nodes move with those that they hang below, and may carry a `Label`. `Arrow` and
     `Arrows` are meshes of vectors. `Scene.save` writes glTF, and a `SaveWarning` names what that
     has no word for. A `Skin` lets a mesh follow nodes, `MorphTargets` bend it by weights; an
-    `Animation` of `Channel` moves nodes, and ``scene.at(time)`` is the scene at a time of it.
+    `Animation` of `Channel` moves nodes, and ``scene.at(time)`` is the scene at a time of it; a
+    `Joint` of ``scene.joints`` (`Joints`) turns or shifts a robot's link.
     `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are `Lines` that are made for you.
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
@@ -112,6 +113,7 @@ _HOMES = {
     "scene.fog": "Fog",
     "scene.camera_fitting": "fit_camera orbit_direction",
     "scene.guides": "Axes BoundingBox Frustum Grid",
+    "scene.joints": "Joint Joints",
     "scene.keyframes": "Animation Channel",
     "scene.label": "Label",
     "scene.lens": "Equirectangular FisheyeLens PinholeDistortion",

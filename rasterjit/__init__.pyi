@@ -41,6 +41,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
+from rasterjit.scene.joints import Joint, Joints
 from rasterjit.scene.keyframes import Animation, Channel
 from rasterjit.scene.label import Label
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
@@ -91,6 +92,8 @@ __all__ = [
     "Framebuffer",
     "Frustum",
     "Grid",
+    "Joint",
+    "Joints",
     "Label",
     "LayeredFrame",
     "Lines",

@@ -28,6 +28,7 @@ from rasterjit.scene.color import ColorLike
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.fog import FogMode
+from rasterjit.scene.joints import JointKind
 from rasterjit.scene.keyframes import ChannelInterpolation, ChannelPath
 from rasterjit.scene.label import Anchor
 from rasterjit.scene.light import Light, ShadowFilter
@@ -87,6 +88,7 @@ __all__ = [
     "IdOutput",
     "Interpolation",
     "InterpolationPrecision",
+    "JointKind",
     "KeyInterpolation",
     "Layout",
     "Light",

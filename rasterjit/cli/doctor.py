@@ -32,6 +32,7 @@ EXTRAS = {
     "formats": EXTRA_MODULES,
     "clouds": ("laspy", "lazrs"),
     "vtk": ("meshio",),
+    "robots": ("yourdfpy",),
     "gltf": ("DracoPy", "opengl_basisu", *(("meshopt",) if sys.version_info >= (3, 11) else ())),
     "video": ("imageio_ffmpeg",),
     "animation": ("scipy",),

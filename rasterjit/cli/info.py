@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -68,7 +69,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
         outputs of attributes, with their columns and the number of meshes; bounds and bounding
         sphere, scene units; materials with the number of their objects, colours linear RGBA;
         names of the variants; distinct textures; lights; the camera or None; animations with their
-        lengths, seconds.
+        lengths, seconds; joints with their limits, degrees or scene units, or None.
     """
     meshes = list({id(node.mesh): node.mesh for node in scene.nodes}.values())
     low, high = (corner.tolist() for corner in scene.bounds())
@@ -100,7 +101,23 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
             {"name": one.name, "seconds": one.duration, "channels": len(one.channels)}
             for one in scene.animations
         ],
+        "joints": _list_joints(scene),
     }
+
+
+def _list_joints(scene: Scene) -> list[dict[str, Any]]:
+    """Return the joints of robots as values for JSON."""
+    return [
+        {
+            "name": name,
+            "kind": one.kind,
+            "node": one.node.name,
+            "value": one.value,
+            "limits": [limit if math.isfinite(limit) else None for limit in one.limits],
+            "follows": None if one.follows is None else one.follows.joint.name,
+        }
+        for name, one in scene.joints.items()
+    ]
 
 
 def _count_primitives(meshes: list[Mesh], drawn: list[Mesh]) -> dict[str, int]:
@@ -270,6 +287,8 @@ def _format_rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if held["animations"]:
         told = map(_format_animation, held["animations"])
         yield from _format_list("animation", told, len(held["animations"]))
+    if held["joints"]:
+        yield from _format_list("joint", map(_format_joint, held["joints"]), len(held["joints"]))
     # What the file holds and the scene has not.
     left_out = [f"{one['what']} ({one['count']:,})" for one in held["left_out"]]
     yield "left out", ", ".join(left_out) or "nothing"
@@ -313,6 +332,14 @@ def _format_animation(one: dict[str, Any]) -> str:
     """Return a line on an animation."""
     channels = _format_count(one["channels"], "channel", "channels")
     return f"{one['name']!r}: {one['seconds']:.6g} s, {channels}"
+
+
+def _format_joint(one: dict[str, Any]) -> str:
+    """Return a line on a joint."""
+    low, high = (f"{limit:.6g}" if limit is not None else "" for limit in one["limits"])
+    within = f", {low}..{high}" if low or high else ""
+    follows = "" if one["follows"] is None else f", follows {one['follows']!r}"
+    return f"{one['name']!r}: {one['kind']} of {one['node']!r}{within}{follows}"
 
 
 def _format_material(one: dict[str, Any]) -> str:

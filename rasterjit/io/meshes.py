@@ -24,7 +24,7 @@ from rasterjit.io.load_warnings import (
 from rasterjit.io.point_clouds.las import LAS_FORMATS
 from rasterjit.io.point_clouds.pcd import read_pcd
 from rasterjit.io.primitives import Context
-from rasterjit.io.resources import Resources, detect_kind, extension_of
+from rasterjit.io.resources import Resources, RobotResources, detect_kind, extension_of
 from rasterjit.io.text.mesh_builder import Geometry, SceneRecord, build_scene, convert_record
 from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.text.obj import read_obj
@@ -34,6 +34,7 @@ from rasterjit.io.text.stl import read_stl
 from rasterjit.io.text.xyz import XYZ_FORMATS, read_xyz
 from rasterjit.io.threemf.scene import load_3mf
 from rasterjit.io.trimesh.scene import TrimeshAdapter
+from rasterjit.io.urdf import RobotRecord, build_robot
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
@@ -53,8 +54,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "get_scene_to_add", "load"]
 
-EXTRA_SUFFIXES = (".3dxml", ".dae", ".xaml", ".zae")
-"""Mesh files that need ``rasterjit[formats]``: without it, `load` says so."""
+EXTRA_SUFFIXES = (".3dxml", ".dae", ".urdf", ".xaml", ".zae")
+"""Mesh files that need ``rasterjit[formats]`` or ``[robots]``: without it, `load` says so."""
 
 AMBIGUOUS_SUFFIXES = (".xml", ".dat", ".node")
 """Extensions that many files which are no meshes have too."""
@@ -103,7 +104,7 @@ BUILTIN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *XYZ_FORMATS)
 EXTRA_MODULES = ("lxml", "networkx", "collada", "svg", "ezdxf")
 """Modules that the extra ``rasterjit[formats]`` brings."""
 
-_Z_UP_FORMATS = ("3mf", *LAS_FORMATS)
+_Z_UP_FORMATS = ("3mf", "urdf", *LAS_FORMATS)
 """Formats that define z as up."""
 
 _UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>")
@@ -133,13 +134,14 @@ def load(
     clouds, as `Points`: PLY without faces, PCD, XYZ, PTS, ASC, TXT and CSV, LAS and LAZ, points of
     OBJ and glTF. Drawings, as `Lines`: DXF and SVG, edges of PLY, lines of OBJ and glTF. Cells of
     simulations, solids by their outer faces: VTK, VTU, VTP, MSH and whatever else meshio reads.
+    Robots: URDF, with a node for each link and ``scene.joints``; collision shapes are passed over.
     Objects of trimesh, PyVista, Open3D and meshio are taken as their files would be.
 
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
-    materials with textures, lights and camera as far as the file has them. ``up`` is z for 3MF and
-    LAS, and what a COLLADA file says; no other format tells one but y. Materials of glTF stay
-    metallic-roughness; those of OBJ and other formats become Blinn-Phong. Further numbers of
+    materials with textures, lights and camera as far as the file has them. ``up`` is z for 3MF,
+    URDF and LAS, and what a COLLADA file says; no other format tells one but y. Materials of glTF
+    stay metallic-roughness; those of OBJ and other formats become Blinn-Phong. Further numbers of
     vertices and faces become attributes of the meshes: other properties of a PLY file by their
     names, ``_NAME`` of a glTF file as ``NAME``, and those that trimesh reads.
 
@@ -163,16 +165,19 @@ def load(
         What to do about NaN or infinite vertices, as in `Mesh`; of clouds, about infinite ones.
     on_damage : {"error", "warn"}
         What to do about a file of OBJ, PLY, STL, OFF, PCD, LAS or rows of points that is cut short,
-        or has lines that cannot be read or faces among vertices that are not there: refuse it,
-        naming the line and what was expected there, or load the rest and warn.
+        or has lines that cannot be read or faces among vertices that are not there, and about a
+        robot's meshes that are missing or cannot be read: refuse it, naming the line and what was
+        expected there, or load the rest and warn.
     crease_angle : float
         Degrees in 0..180. Meshes whose file gives no normals get them from
         ``Mesh.split_creases(crease_angle)``.
     resource_root : str or path-like, optional
         The folder that files named by this one must lie in: textures, buffers, MTL files. Default:
         the folder of this file, or of the ROS package or Gazebo model that it is in (the nearest of
-        its own and the four above with a ``package.xml`` or ``model.config``). Addresses, absolute
-        paths, and links, pipes and devices that lead out of it are never opened.
+        its own and the four above with a ``package.xml`` or ``model.config``); of a robot, the
+        folder above that of the file, and every package that it names, in or beside a folder above,
+        in ``ROS_PACKAGE_PATH`` or in ``AMENT_PREFIX_PATH``. Addresses, absolute paths, and links,
+        pipes and devices that lead out of it are never opened.
     max_bytes : int
         Memory that this file and all that it names may take together. Sizes are told from headers
         before anything is read or unpacked: at its peak, loading takes at most twice this. A face
@@ -233,7 +238,9 @@ def load(
     file = _check_path(path)
     budget = MemoryBudget(str(file), max_bytes)
     decoder = Decoder(budget, isolate, _begin_session)
-    left_out, resources = LeftOut(), Resources(file, root, budget, decoder)
+    is_robot = extension_of(file) == "urdf"
+    resources = (RobotResources if is_robot else Resources)(file, root, budget, decoder)
+    left_out = LeftOut()
     try:
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out, isolate)
         scene.up = _find_up_axis(file)
@@ -282,6 +289,15 @@ def _load(
         from rasterjit.io.foreign.readers import read_file
 
         data = read_file(file, resources, on_invalid, on_damage, left_out)
+    if isinstance(data, RobotRecord):
+
+        def load_part(path: Path, root: Path) -> Scene:
+            """Load a mesh file that the robot names."""
+            part = Resources(path, root, resources.budget, resources.decoder)
+            return _load(path, part, on_invalid, on_damage, crease_angle, left_out, isolate)
+
+        assert isinstance(resources, RobotResources)
+        return build_robot(data, context, resources, on_damage, load_part)
     make = convert_record if isinstance(data, SceneRecord) else build_scene
     try:
         return make(data, context)

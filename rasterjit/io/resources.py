@@ -34,8 +34,14 @@ from rasterjit.scene.memory_limits import MemoryBudget
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 """The scheme of a URL, such as ``http:``, or a drive letter."""
 
-_PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)", re.DOTALL)
+_PACKAGE = re.compile(r"(?:package|model):///?([^/]+)/(.+)", re.DOTALL)
 """A URL of a file in a ROS package or a Gazebo model."""
+
+_DRIVE = re.compile(r"[A-Za-z]:/")
+"""The beginning of an absolute path on Windows."""
+
+_PACKAGE_VARIABLES = (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share"))
+"""Environment variables that list folders of ROS packages, and where these lie in them."""
 
 _MANIFESTS = ("model.config", "package.xml")
 """Files that mark the folder of a model or a package."""
@@ -165,18 +171,117 @@ class Resources:
             "folder that has it"
         )
 
-    def _resolve_inside(self, unresolved: Path, label: str) -> Path:
-        """Return the real path of a path inside the root, or raise `RefusedFileError`."""
+    def _resolve_inside(self, unresolved: Path, label: str, root: Path | None = None) -> Path:
+        """Return the real path of a path inside a root, or raise `RefusedFileError`."""
+        root = self.root if root is None else root
         # First as it is written: a link out of the folder must not be followed on the way back.
         written = Path(os.path.normpath(unresolved))
         path = Path(os.path.realpath(written))
         for one in (written, path):
-            if not one.is_relative_to(self.root):
+            if not one.is_relative_to(root):
                 raise RefusedFileError(
-                    f"the file {label} lies outside {str(self.root)!r}; resource_root names "
+                    f"the file {label} lies outside {str(root)!r}; resource_root names "
                     "another folder"
                 )
         return path
+
+
+class RobotResources(Resources):
+    """
+    Finds the files that a robot's description names, also in other packages.
+
+    What is allowed is each package that is found, and the folder above that of the file: meshes
+    often lie in one beside it. A ``root`` allows only what lies in it.
+
+    Parameters
+    ----------
+    path, root, budget, decoder
+        As of `Resources`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        root: Path | None = None,
+        budget: MemoryBudget | None = None,
+        decoder: Decoder | None = None,
+    ) -> None:
+        super().__init__(path, root, budget, decoder)
+        self._is_limited = root is not None
+        folder = Path(os.path.realpath(self.folder))
+        self._folders = (folder, *folder.parents[:_MAX_MANIFEST_PARENTS])
+        if root is None and self._model is None:
+            self.root = folder.parent
+
+    def find(self, name: str) -> tuple[Path, Path]:
+        """
+        Return the path of a file, and the folder that all that it names must lie in.
+
+        Parameters
+        ----------
+        name : str
+            ``package://NAME/path`` or ``model://NAME/path``: of the package that the file is in, of
+            one in or beside a folder above, or of one in ``ROS_PACKAGE_PATH`` or
+            ``AMENT_PREFIX_PATH``. A path relative to the file, or to the folder above it. An
+            absolute path, also with ``file://``, in what is allowed.
+
+        Raises
+        ------
+        MissingFileError
+            If there is none.
+        RefusedFileError
+            If it lies outside what is allowed.
+        """
+        label, slashed = quote_name(name), name.replace("\\", "/").removeprefix("file://")
+        if "\0" in slashed:
+            raise RefusedFileError(f"{label} is no name of a file")
+        if match := _PACKAGE.fullmatch(slashed):
+            roots = self._list_package_folders(match[1])
+            if not roots:
+                raise MissingFileError(
+                    f"there is no package {quote_name(match[1])} above or beside the file, in "
+                    "ROS_PACKAGE_PATH or in AMENT_PREFIX_PATH"
+                )
+            places = [(root / match[2].lstrip("/"), root) for root in roots]
+        elif _SCHEME.match(slashed) and not _DRIVE.match(slashed):
+            raise RefusedFileError(f"{label} is not a file on this machine")
+        else:
+            places = [(folder / slashed, self.root) for folder in self._folders[:2]]
+        refused: RefusedFileError | None = None
+        for place, root in places:
+            try:
+                path = self._resolve_inside(place, label, root)
+            except RefusedFileError as error:
+                refused = refused or error
+                continue
+            if path.is_file():
+                return path, self.root if self._is_limited else root
+        if refused is not None:
+            raise refused
+        raise MissingFileError("it is missing")
+
+    def _resolve(self, name: str, label: str) -> Path:
+        """Return the real path of a file name, or raise ``ValueError``."""
+        return self.find(name)[0]
+
+    def _list_package_folders(self, name: str) -> list[Path]:
+        """Return the folders that may be a package."""
+        if name in ("", ".", ".."):
+            return []
+        candidates = [one for one in self._folders if one.name == name]
+        if self._model is not None and name == _read_manifest_name(self._model):
+            candidates.append(self._model)
+        if self._is_limited:
+            candidates += [self.root] if self.root.name == name else []
+            candidates.append(self.root / name)
+        candidates += [one / name for one in self._folders]
+        for variable, inner in _PACKAGE_VARIABLES:
+            for entry in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+                folder = Path(entry, inner)
+                candidates += [folder] if folder.name == name else []
+                candidates.append(folder / name)
+        real = dict.fromkeys(Path(os.path.realpath(one)) for one in candidates if one.is_dir())
+        return [one for one in real if not self._is_limited or one.is_relative_to(self.root)]
 
 
 def _find_model_folder(folder: Path) -> Path | None:

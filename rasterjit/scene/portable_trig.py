@@ -17,6 +17,8 @@ from rasterjit.scene.arrays import Float64
 HALF_PI_HIGH, HALF_PI_LOW = 1.5707963267341256, 6.077100506506192e-11
 """Half pi in two parts: its first 33 bits, whose small multiples are exact, and the rest."""
 
+RADIANS_PER_DEGREE = 0.017453292519943295
+
 SINE_TERMS = tuple((1 - n % 2 * 2) / math.factorial(2 * n + 1) for n in range(9))
 COSINE_TERMS = tuple((1 - n % 2 * 2) / math.factorial(2 * n) for n in range(10))
 """Coefficients of the Taylor series: up to 45 degrees the next term is below 1e-18."""
@@ -45,7 +47,18 @@ def sin_cos(radians: Any) -> tuple[Float64, Float64]:
     """Return the sines and cosines of angles in -1e5..1e5 radians, to 3e-16."""
     angle = np.asarray(radians, dtype=np.float64)
     quarter = np.floor(angle / (HALF_PI_HIGH + HALF_PI_LOW) + 0.5)
-    remainder = (angle - quarter * HALF_PI_HIGH) - quarter * HALF_PI_LOW
+    return _in_quadrant(quarter, (angle - quarter * HALF_PI_HIGH) - quarter * HALF_PI_LOW)
+
+
+def sin_cos_degrees(degrees: Any) -> tuple[Float64, Float64]:
+    """Return the sines and cosines of angles in degrees, to 3e-16; exact at quarter turns."""
+    angle = np.asarray(degrees, dtype=np.float64)
+    quarter = np.floor(angle / 90.0 + 0.5)
+    return _in_quadrant(quarter, (angle - quarter * 90.0) * RADIANS_PER_DEGREE)
+
+
+def _in_quadrant(quarter: Float64, remainder: Float64) -> tuple[Float64, Float64]:
+    """Return sines and cosines of quarter turns and what remains, -45 to 45 degrees in radians."""
     square = remainder * remainder
     sine, cosine = remainder * polynomial(SINE_TERMS, square), polynomial(COSINE_TERMS, square)
     quadrant = quarter - 4.0 * np.floor(quarter * 0.25)

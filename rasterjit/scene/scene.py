@@ -22,6 +22,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import call_higher_level
+from rasterjit.scene.joints import Joint, Joints, copy_joints
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
@@ -158,6 +159,7 @@ class Scene(Guarded, PicturePreview):
         # Names of variants that a file has, and the one that is shown.
         self._variants: tuple[str, ...] = ()
         self._variant: str | None = None
+        self._joints: dict[str, Joint] = {}
 
     def __copy__(self) -> Scene:
         """Return a shallow copy, which shares all lists."""
@@ -170,7 +172,10 @@ class Scene(Guarded, PicturePreview):
         links = [
             (node, node.parent, node.transform, node._trs)
             for root in self._all_roots(
-                channel.node for one in self.animations for channel in one.channels
+                itertools.chain(
+                    (channel.node for one in self.animations for channel in one.channels),
+                    (joint.node for joint in self._joints.values()),
+                )
             )
             for node in subtree(root)
             if node.parent
@@ -216,7 +221,8 @@ class Scene(Guarded, PicturePreview):
         mesh : Mesh, Points, Lines, Label, Node, Scene, or an object of another package
             A `Label` is carried by a node without a mesh. A `Node` brings all that hangs below it.
             Of a scene, all nodes are copied, sharing their meshes, below the new node, with its
-            animations; lights, camera and effects are left out. Objects of trimesh, PyVista, Open3D
+            animations and joints; lights, camera and effects are left out. Joints are then called
+            ``"NAME/JOINT"``, or as before without a ``name``. Objects of trimesh, PyVista, Open3D
             and meshio bring what `load` takes of them.
         transform : (4, 4) array_like, optional
             Affine, for column vectors: ``world_from_model``, or, with a parent, relative to it.
@@ -263,11 +269,20 @@ class Scene(Guarded, PicturePreview):
         added = call_higher_level("get_scene_to_add", mesh)
         if _is_single_mesh(added):
             return self.add(added.nodes[0].mesh, transform, name, parent=parent)
-        group, nodes, animations = _copy_group(added, transform, "" if name is None else str(name))
+        prefix = "" if name is None else f"{name}/"
+        taken = [prefix + one for one in added._joints if prefix + one in self._joints]
+        if taken:
+            raise ValueError(
+                f"name must keep joints apart, got {name!r}, and a joint {taken[0]!r} is there"
+            )
+        group, nodes, animations, joints = _copy_group(
+            added, transform, "" if name is None else str(name), prefix
+        )
         count = len(self.nodes)
         self._add_node(group, None, None, parent)
         self.nodes[count:] = nodes
         self.animations += animations
+        self._joints |= joints
         return group
 
     def _add_node(
@@ -511,6 +526,20 @@ class Scene(Guarded, PicturePreview):
                 animations.append(Animation(animation.name, channels))
         return animations
 
+    @property
+    def joints(self) -> Joints:
+        """
+        The joints of robots in the scene, by their names: ``scene.joints["elbow"].angle = 30``.
+
+        `load` brings those of a URDF file; ``scene.joints.add`` adds others.
+        """
+        return Joints(self)
+
+    def _joints_in_scene(self) -> dict[str, Joint]:
+        """Return the joints that move nodes of the scene, with those that they follow."""
+        node_ids = set(map(id, self._all_nodes())) if self._joints else ()
+        return {name: one for name, one in self._joints.items() if id(one.node) in node_ids}
+
     def posed(self) -> Scene:
         """
         Return the scene with all skins and weights of morph targets applied.
@@ -534,6 +563,7 @@ class Scene(Guarded, PicturePreview):
         copied.nodes = [copies[id(node)] for node in self.nodes]
         copied.lights = list(self.lights)
         copied.animations = [animation._with_nodes(copies) for animation in self.animations]
+        copied._joints = copy_joints(self._joints, copies)
         copied._groups = {copies[id(node)]: None for node in self._groups}
         copied._labelled = {copies[id(node)]: None for node in self._labelled}
         for node in copied.every_node():
@@ -803,12 +833,12 @@ def _is_single_mesh(scene: Scene) -> bool:
 
 
 def _copy_group(
-    scene: Scene, transform: ArrayLike | None, name: str
-) -> tuple[Node, list[Node], list[Animation]]:
+    scene: Scene, transform: ArrayLike | None, name: str, prefix: str
+) -> tuple[Node, list[Node], list[Animation], dict[str, Joint]]:
     """
     Copy a scene's nodes into a group, in the same tree and order.
 
-    Returns the group, the copies with a mesh, and the animations of all.
+    Returns the group, the copies with a mesh, and the animations and joints of all.
     """
     group = Node(None, transform, name)
     drawn_ids = set(map(id, scene.nodes))
@@ -821,7 +851,8 @@ def _copy_group(
     _set_skins(copies)
     order = [copies[node_id] for node_id in dict.fromkeys(map(id, scene.nodes))]
     animations = [animation._with_nodes(copies) for animation in scene._animations_in_scene()]
-    return group, [node for node in order if node.mesh is not None], animations
+    joints = copy_joints(scene._joints_in_scene(), copies, prefix)
+    return group, [node for node in order if node.mesh is not None], animations, joints
 
 
 def _first_moving(animations: Sequence[Animation], node_ids: set[int]) -> Animation:

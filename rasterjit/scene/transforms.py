@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Float64
-from rasterjit.scene.vectors import cross, dot
+from rasterjit.scene.vectors import cross, dot, rotation_rows
 
 Matrix = Float64
 _Triple = tuple[float, float, float]
@@ -318,16 +318,8 @@ def rotate(axis: ArrayLike, degrees: float) -> Matrix:
     ValueError
         If ``axis`` is zero or not finite, or ``degrees`` is not finite.
     """
-    x, y, z = unit_triple("axis", axis)
-    sine, cosine = sine_cosine(degrees)
-    rest = 1.0 - cosine
     matrix = np.eye(4)
-    # x² + c(y² + z²) is Rodrigues' c + (1 - c)x² without its cancellation.
-    matrix[:3, :3] = [
-        [x * x + cosine * (y * y + z * z), rest * x * y - sine * z, rest * x * z + sine * y],
-        [rest * x * y + sine * z, y * y + cosine * (x * x + z * z), rest * y * z - sine * x],
-        [rest * x * z - sine * y, rest * y * z + sine * x, z * z + cosine * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = rotation_rows(unit_triple("axis", axis), *sine_cosine(degrees))
     return matrix + 0.0
 
 

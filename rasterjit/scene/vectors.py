@@ -1,9 +1,10 @@
-"""Dot and cross products and lengths of vectors of three plain floats, summed left to right."""
+"""Products, lengths and rotations of vectors of three plain floats, summed left to right."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
@@ -19,3 +20,15 @@ def cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
 def length(a: Sequence[float]) -> float:
     """Return the length."""
     return math.sqrt(dot(a, a))
+
+
+def rotation_rows(axis: tuple[float, float, float], sine: Any, cosine: Any) -> list[list[Any]]:
+    """Return the rows of rotations about a unit axis, given floats or arrays of sines, cosines."""
+    x, y, z = axis
+    rest = 1.0 - cosine
+    # x² + c(y² + z²) is Rodrigues' c + (1 - c)x² without its cancellation.
+    return [
+        [x * x + cosine * (y * y + z * z), rest * x * y - sine * z, rest * x * z + sine * y],
+        [rest * x * y + sine * z, y * y + cosine * (x * x + z * z), rest * y * z - sine * x],
+        [rest * x * z - sine * y, rest * y * z + sine * x, z * z + cosine * (x * x + y * y)],
+    ]

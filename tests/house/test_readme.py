@@ -51,8 +51,9 @@ def steps(page):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Return an empty folder to work in, with the models."""
+    """Return an empty folder to work in, with the models and a robot."""
     (tmp_path / "models").symlink_to(ROOT / "models")
+    (tmp_path / "arm.urdf").symlink_to(ROOT / "docs" / "examples" / "arm.urdf")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -59,6 +59,11 @@ FORMATS: dict[str, tuple[str, str, str]] = {
         "meshes, materials, pictures, the scene, its upward axis",
         "`extra`",
     ),
+    "URDF": (
+        "urdf",
+        "links, joints, shapes, meshes, colours, pictures",
+        "collision shapes, masses, drives, sensors",
+    ),
     "binvox": ("binvox", "voxels as their sides", ""),
     "DXF": (
         "dxf",

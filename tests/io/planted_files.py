@@ -94,6 +94,15 @@ def svg(folder):
     return text("a.svg", f"{begin}<text>a</text><text>b</text></svg>")(folder)
 
 
+def urdf(folder):
+    """Write a robot of two links with a joint of six freedoms and an element nobody knows."""
+    pytest.importorskip("yourdfpy")
+    shape = '<visual><geometry><sphere radius="1"/></geometry></visual>'
+    joint = '<joint name="j" type="floating"><parent link="a"/><child link="b"/></joint>'
+    links = f'<link name="a">{shape}</link><link name="b"/>'
+    return text("a.urdf", f'<robot name="r">{links}{joint}<odd/></robot>')(folder)
+
+
 def threemf(folder):
     """Write a triangle with a slice stack, which is another way to say what it is."""
     core, slices = (
@@ -179,6 +188,7 @@ PLANTED = {
         lambda folder: gltf(folder, attributes={"COLOR_1": 0}), {"attribute 'COLOR_1'": 2}
     ),
     "gltf, entry": (lambda folder: gltf(folder, odd=[1]), {"entry 'odd'": 1}),
+    "urdf": (urdf, {"motion of the floating joint 'j'": 1, "odd of a robot": 1}),
     "3mf": (threemf, {"slicestack of a model": 1}),
     "dae": (collada, {"animation": 1}),
     "dxf": (dxf, {"HATCH entity": 3}),

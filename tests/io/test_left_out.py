@@ -75,7 +75,7 @@ def test_every_reader_of_ours_is_planted_with_something():
         "laz": "las", "glb": "gltf", "vrm": "gltf", **dict.fromkeys(XYZ_FORMATS, "xyz"),
         **dict.fromkeys(CELL_FORMATS, "vtu"),
     }  # fmt: skip
-    ours = {*BUILTIN_FORMATS, *GLTF_FORMATS, *CELL_FORMATS, "binvox", "dxf", "svg", "3mf"}
+    ours = {*BUILTIN_FORMATS, *GLTF_FORMATS, *CELL_FORMATS, "binvox", "dxf", "svg", "3mf", "urdf"}
     assert {alike.get(form, form) for form in ours} <= formats
 
 

@@ -1,4 +1,4 @@
-"""Read files by other packages: laspy, meshio, PyVista, ezdxf and trimesh."""
+"""Read files by other packages: laspy, meshio, PyVista, ezdxf, yourdfpy and trimesh."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ from rasterjit.io.threemf.package import MEMORY_PER_XML_BYTE
 from rasterjit.io.trimesh.resolver import make_resolver, note_trimesh_warnings
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.skins import bake_controllers, note_unread_elements
+from rasterjit.io.urdf import RobotRecord, read_urdf
 from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.transforms import compose
 
@@ -187,7 +188,7 @@ _LISTED_POINT_FORMATS = ("xyz", "pcd", "las", "vtk")
 
 def read_file(
     file: Path, resources: Resources, on_invalid: OnInvalid, on_damage: str, left_out: LeftOut
-) -> Sequence[Geometry] | SceneRecord:
+) -> Sequence[Geometry] | SceneRecord | RobotRecord:
     """Read a file by the package for its format, or raise `MeshFileError`."""
     extension = extension_of(file)
     with raise_mesh_file_error(file, extension):
@@ -196,6 +197,8 @@ def read_file(
             clouds = read_las(file, resources, damage, left_out)
             damage.add_to_left_out()
             return clouds
+        if extension == "urdf":
+            return read_urdf(file, resources, left_out)
         if extension in VTK_FORMATS:
             return read_vtk(file, resources, left_out)
         if extension in CELL_FORMATS:
@@ -207,7 +210,9 @@ def read_file(
 
 def list_foreign_formats() -> set[str]:
     """Return the extensions that the installed other packages read."""
-    by_package = {"laspy": LAS_FORMATS, "meshio": CELL_FORMATS, "pyvista": VTK_FORMATS}
+    by_package = {
+        "laspy": LAS_FORMATS, "meshio": CELL_FORMATS, "pyvista": VTK_FORMATS, "yourdfpy": ("urdf",),
+    }  # fmt: skip
     known = [name for package, names in by_package.items() if find_spec(package) for name in names]
     return {*known, *_list_trimesh_formats()}
 
@@ -227,6 +232,8 @@ def list_reader_modules(extension: str) -> tuple[str, ...]:
     """Return the names of the modules that read a format."""
     if extension in LAS_FORMATS:
         return "laspy", "lazrs", "laszip"
+    if extension == "urdf":
+        return "yourdfpy", "lxml.etree"
     if extension in VTK_FORMATS:
         return ("pyvista",)
     if extension in CELL_FORMATS:

@@ -18,6 +18,7 @@ import numpy as np
 
 from rasterjit.io.primitives import Cloud, LineSet
 from rasterjit.io.text.mesh_builder import MeshData, NodeRecord, SceneRecord
+from rasterjit.io.urdf import JointRecord, RobotRecord, VisualRecord
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import Material
@@ -27,7 +28,7 @@ _CLASSES = {
     kind.__name__: kind
     for kind in (
         MeshData, Cloud, LineSet, SceneRecord, NodeRecord, Material, Texture, PerspectiveCamera,
-        DirectionalLight, PointLight, SpotLight,
+        DirectionalLight, PointLight, SpotLight, RobotRecord, VisualRecord, JointRecord,
     )
 }  # fmt: skip
 

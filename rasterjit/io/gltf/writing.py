@@ -154,6 +154,8 @@ class _Writer:
         if not scene.nodes:
             raise ValueError("scene must hold at least one mesh to be saved, got an empty scene")
         self._animations = scene._animations_in_scene()
+        if scene._joints_in_scene():
+            self.notes.note("joints of robots, but for the pose as it is")
         roots = self._add_nodes(scene)
         self._add_animations()
         for light in scene.lights:

@@ -69,6 +69,8 @@ class _Converter:
             scene = posed
         if scene._animations_in_scene():
             self.notes.note("animations")
+        if scene._joints_in_scene():
+            self.notes.note("joints of robots, but for the pose as it is")
         result, geometries, names = trimesh.Scene(), {}, {}
         mesh_nodes = set(map(id, scene.nodes))
         # Objects are numbered as they come; what they hang below may come later.
