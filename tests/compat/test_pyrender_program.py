@@ -58,6 +58,9 @@ def test_installed_adapter_is_pyrender_with_all_its_modules():
         assert sys.modules["pyrender.font"] is sys.modules["rasterjit.compat.pyrender.font"]
         assert pyrender.font.FontCache is pyrender.renderer.FontCache
         assert pyrender.__spec__.name == "rasterjit.compat.pyrender"
+        # The fork that urchin shows robots by.
+        import pyribbit, pyribbit.light
+        assert pyribbit is pyrender and sys.modules["pyribbit.light"] is pyrender.light
         print(pyrender.__version__)
         """
     )
@@ -171,7 +174,7 @@ def test_processes_that_a_program_starts_have_it_too(tmp_path):
             if __name__ == "__main__":
                 with multiprocessing.get_context("spawn").Pool(1) as pool:
                     print(pool.map(work, [Job()]))
-                code = "import pyrender.node; print(pyrender.node.Node.__module__)"
+                code = "import pyribbit.node; print(pyribbit.node.Node.__module__)"
                 print(subprocess.check_output([sys.executable, "-c", code], text=True))
             """
         )

@@ -1,4 +1,4 @@
-"""Make ``import pyrender`` mean this package."""
+"""Make ``import pyrender``, and that of its fork pyribbit, mean this package."""
 
 from __future__ import annotations
 
@@ -55,27 +55,31 @@ def share_names() -> None:
                 setattr(there, name, getattr(home, name))
 
 
-_OURS, _THEIRS = __package__, "pyrender"
+_OURS, _THEIRS = __package__, ("pyrender", "pyribbit")
+"""Names of this package, and of pyrender and its fork of the same modules, which urchin uses."""
 
 
 def install() -> None:
     """
     Make ``import pyrender``, and that of its modules, mean this package in this process.
 
-    Call it before the first such import. Calling it again changes nothing, and until a program
-    imports pyrender nothing of that name is loaded.
+    So does ``import pyribbit``, a fork that has the same names. Call it before the first such
+    import. Calling it again changes nothing, and until a program imports pyrender nothing of that
+    name is loaded.
 
     Raises
     ------
     RuntimeError
-        If pyrender itself was imported before.
+        If pyrender itself, or pyribbit, was imported before.
     """
-    there = sys.modules.get(_THEIRS)
-    if there not in (None, sys.modules[_OURS]) and not getattr(there, "is_stand_in", False):
-        place = getattr(there, "__file__", None)
-        raise RuntimeError(
-            f"install must come before the first import of pyrender, got one imported from {place}"
-        )
+    for name in _THEIRS:
+        there = sys.modules.get(name)
+        if there not in (None, sys.modules[_OURS]) and not getattr(there, "is_stand_in", False):
+            place = getattr(there, "__file__", None)
+            raise RuntimeError(
+                f"install must come before the first import of {name}, got one imported from "
+                f"{place}"
+            )
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Finder())
 
@@ -88,7 +92,7 @@ class _Finder(MetaPathFinder):
     ) -> ModuleSpec | None:
         """Return where a module of pyrender's is; None for others, and for those there are not."""
         top, _, rest = fullname.partition(".")
-        if top != _THEIRS:
+        if top not in _THEIRS:
             return None
         name = f"{_OURS}.{rest}" if rest else _OURS
         found = importlib.util.find_spec(name)
