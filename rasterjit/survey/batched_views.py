@@ -17,14 +17,12 @@ from rasterjit.pipeline.geometry.unproject_matrix import build_unprojection_matr
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.vectors import cross, dot
 from rasterjit.survey.clip_planes import RELATIVE_ERROR
 from rasterjit.survey.object_counts import Inventory
 from rasterjit.survey.object_transforms import ObjectTransforms, transform_boxes, transform_objects
 
 Float64 = NDArray[np.float64]
-
-NEAR_MIDDLE = np.array((0.0, 0.0, -1.0, 1.0))
-"""Middle of the near plane, clip space."""
 
 
 class BatchTransforms(NamedTuple):
@@ -94,12 +92,14 @@ class ViewGroup:
 
     def compute_near_middles(self) -> Float64:
         """Return the middle of each near plane, (N, 3), world axes, relative to the eye, or NaN."""
+        clip = self.views.clip_from_relative
+        # Three planes meet there: x = 0, y = 0, and z + w = 0.
+        planes = np.stack((clip[:, 0], clip[:, 1], clip[:, 2] + clip[:, 3]))
+        right, up, near = np.moveaxis(planes[..., :3], 2, 1)
         with np.errstate(all="ignore"):
-            try:
-                x, y, z, w = (np.linalg.inv(self.views.clip_from_relative) @ NEAR_MIDDLE).T
-            except np.linalg.LinAlgError:
-                return np.full((len(self.cameras), 3), np.nan)
-            return np.stack((x / w, y / w, z / w), axis=1)
+            crossed = np.array([cross(up, near), cross(near, right), cross(right, up)])
+            weighted = crossed * planes[:, np.newaxis, :, 3]
+            return -((weighted[0] + weighted[1]) + weighted[2]).T / dot(right, crossed[0])[:, None]
 
     def compute_max_distance(self) -> Float64:
         """Return the distance from each eye, (N,), scene units, of the farthest point in view."""
