@@ -269,13 +269,15 @@ class Renderer:
     ) -> NDArray[np.uint8]:  # fmt: skip
         """Return the lit picture: codes times ambient plus diffuse light, at most 1 together."""
         rows = {name: array.reshape(self.height * self.width, -1) for name, array in arrays.items()}
-        positions = rows["position"][seen] @ view[:3, :3].T + view[:3, 3]
+        positions = transforms.transform_points(view, rows["position"][seen])[:, :3]
         normals = rows["geometric_normal"][seen]
         if self.shading == "phong":
             # Ours face the eye; the toolkit's are those of the front, on back faces too.
             is_back = _dot(model.fronts[rows["face_id"][seen, 0]], normals) < 0.0
             normals = np.where(is_back[:, None], -1.0, 1.0) * rows["normal"][seen]
-        normals = normals @ view[:3, :3].T
+        rotation = view.copy()
+        rotation[:3, 3] = 0.0
+        normals = transforms.transform_points(rotation, normals)[:, :3]
         to_light = np.array(self.light_cam_pos) - positions
         cosine = _dot(normals, to_light)
         cosine /= np.maximum(np.sqrt(_dot(to_light, to_light)), np.finfo(np.float64).tiny)
@@ -293,7 +295,8 @@ def _quantize(codes: NDArray[Any]) -> NDArray[np.uint8]:
 
 def _dot(rows: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
     """Return the scalar product of each row with its other, (N,)."""
-    return np.einsum("ij,ij->i", rows, others)
+    x, y, z = (rows * others).T
+    return (x + y) + z
 
 
 def _find_fronts(node: Node) -> NDArray[np.float64]:

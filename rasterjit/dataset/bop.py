@@ -467,16 +467,22 @@ def _find_diameter(mesh: Mesh) -> float:
     the farthest, are together at least the longest distance that is known.
     """
     points = np.unique(mesh.vertices[np.isfinite(mesh.vertices).all(axis=1)], axis=0)
-    radii = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    radii = _find_distances(points, 0.5 * (points.min(axis=0) + points.max(axis=0)))
     longest, last = 0.0, points[radii.argmax()]
     for _ in range(8):
-        distances = np.linalg.norm(points - last, axis=1)
+        distances = _find_distances(points, last)
         longest, last = max(longest, float(distances.max())), points[distances.argmax()]
     points = points[radii + radii.max() >= longest * (1.0 - 1e-9)]
     for rows in np.array_split(points, 1 + len(points) ** 2 // MAX_PAIRS):
-        squares = sum((rows[:, None, k] - points[None, :, k]) ** 2 for k in range(3))
-        longest = max(longest, float(np.sqrt(np.max(squares, initial=0.0))))
+        distances = _find_distances(points, rows[:, None])
+        longest = max(longest, float(np.max(distances, initial=0.0)))
     return longest
+
+
+def _find_distances(points: NDArray[np.float64], origin: NDArray[np.float64]) -> Any:
+    """Return the distances of points, (..., 3), from an origin, or from several: (...)."""
+    x, y, z = np.moveaxis(points - origin, -1, 0)
+    return np.sqrt((x * x + y * y) + z * z)
 
 
 def _write_pictures(folder: Path, view: LabelledView) -> None:

@@ -28,6 +28,7 @@ from rasterjit.rendering.batch import (
     render_batch,
 )
 from rasterjit.rendering.planning import naming
+from rasterjit.scene import transforms
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.node import Node
@@ -116,7 +117,7 @@ Ids = Sequence[int | None] | Mapping[int, int | None]
 
 
 def render_objects(
-    scene: Scene,
+    what: Any,
     cameras: Iterable[Camera],
     *,
     size: tuple[int, int],
@@ -136,14 +137,14 @@ def render_objects(
 
     Parameters
     ----------
-    scene : Scene
+    what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
     cameras : iterable of Camera
         Pinholes, one for each view.
     size : (int, int)
         Width and height of every view, pixels, each in 1..5461.
     ids : sequence or mapping of int, optional
-        What the data set calls each object, by its place in ``scene.nodes``. None, or no entry in a
-        mapping, leaves an object out: the floor, say. It still hides others. Default: 1, 2, 3 ...
+        What the data set calls each object, by its place among the scene's nodes. None, or no entry
+        in a mapping, leaves an object out: the floor, say. It still hides others. Default: 1, 2 ...
     transforms : (N, O, 4, 4) array_like, optional
         Where the objects stand in each view, as `rasterjit.render_batch` takes them.
     delta : float, optional, scene units
@@ -157,7 +158,7 @@ def render_objects(
     Yields
     ------
     LabelledView
-        With the numbers 0, 1, 2 ...; ``objects`` in the order of ``scene.nodes``.
+        With the numbers 0, 1, 2 ...; ``objects`` in the order of the scene's nodes.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def render_objects(
     .. [2] BOP toolkit, ``scripts/calc_gt_info.py``, ``calc_gt_masks.py`` and ``visibility.py``.
     """
     scene, options = check_arguments(
-        scene, size, quality, ("color", "depth", "object_id"), background, "none"
+        what, size, quality, ("color", "depth", "object_id"), background, "none"
     )
     eyes = [*check_cameras(cameras)]
     if max(options.size) * CANVAS > MAX_CANVAS_SIDE:
@@ -299,7 +300,8 @@ class _Drawer:
                 np.where(codes == 0, np.float32(np.inf), depth), self.step,
                 tuple(
                     self._describe(
-                        place, pinhole.camera_from_world @ places[k, place], part, depth,
+                        place, transforms.compose(pinhole.camera_from_world, places[k, place]),
+                        part, depth,
                         batch.object_id[k], pinhole.intrinsics,
                     )
                     for place, part in zip(self.names, parts, strict=True)
@@ -329,7 +331,8 @@ class _Drawer:
         """Return the silhouette of an object in each view, by windows of like sizes together."""
         boxes = _find_canvas_boxes(alone.nodes[0].mesh, cameras, places, self.size)
         needed = np.maximum((boxes[:, 1] - boxes[:, 0]).max(axis=1), 1)
-        sides = MIN_WINDOW * 2 ** np.ceil(np.log2(np.maximum(needed / MIN_WINDOW, 1.0))).astype(int)
+        mantissas, exponents = np.frexp(np.maximum(needed / MIN_WINDOW, 1.0))
+        sides = MIN_WINDOW << (exponents - (mantissas == 0.5))
         result: list[_Silhouette] = [_Silhouette((0, 0), np.empty((0, 0), np.float32))] * len(
             cameras
         )
@@ -429,9 +432,16 @@ def _find_canvas_boxes(
     is not all in front of the camera it is the whole canvas.
     """
     low, high = mesh.bounds()
-    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), [1.0]), axis=-1).reshape(-1, 4)
-    clip = np.stack([camera.projection_matrix(size) @ camera.view_matrix() for camera in cameras])
-    points = corners @ (clip @ places).swapaxes(1, 2)
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
+    points = np.stack(
+        [
+            transforms.transform_points(
+                transforms.compose(camera.projection_matrix(size), camera.view_matrix(), place),
+                corners,
+            )
+            for camera, place in zip(cameras, places, strict=True)
+        ]
+    )
     w = points[..., 3:]
     with np.errstate(divide="ignore", invalid="ignore"):
         pixels = (points[..., :2] / w * (1.0, -1.0) + 1.0) * 0.5 * size

@@ -76,7 +76,7 @@ def make_nvdiffrast(frame: Frame) -> NDArray[np.float32]:
     _refuse_lens(frame, "to_nvdiffrast")
     camera, size, seen = frame.plan.camera, frame.plan.size, face_id >= 0
     points = unproject(camera, _find_centres(frame, seen), depth[seen], size)
-    clip_from_world = camera.projection_matrix(size) @ camera.view_matrix()
+    clip_from_world = transforms.compose(camera.projection_matrix(size), camera.view_matrix())
     *_, z, w = transforms.transform_points(clip_from_world, points).T
     numbers = face_id[seen] + np.int64(1)
     large = (numbers + LARGE_ID_BITS).astype(np.int32).view(np.float32)
@@ -125,19 +125,20 @@ def _measure_edges(
         )
     # Project the corners of the faces that are seen: x w, y w and w, pixels.
     camera, size = frame.plan.camera, frame.plan.size
-    clip_from_world = camera.projection_matrix(size) @ camera.view_matrix()
-    screen_from_world = transforms.viewport(*size) @ clip_from_world
+    clip_from_world = transforms.compose(camera.projection_matrix(size), camera.view_matrix())
+    screen_from_world = transforms.compose(transforms.viewport(*size), clip_from_world)
     numbers, places = np.unique(faces, return_inverse=True)
     corners = np.empty((len(numbers), 3, 3))
     for node, start, end in zip(nodes, starts, starts[1:], strict=False):
         own = (numbers >= start) & (numbers < end)
         points = node.mesh.vertices[node.mesh.faces[numbers[own] - start].reshape(-1)]
-        projected = transforms.transform_points(screen_from_world @ node.world_matrix, points)
+        matrix = transforms.compose(screen_from_world, node.world_matrix)
+        projected = transforms.transform_points(matrix, points)
         corners[own] = projected[:, [0, 1, 3]].reshape(-1, 3, 3)
     # The lines of their edges: also where a corner is behind the eye, and from inside of a triangle
     # none is nearer than an edge.
     lines = np.cross(corners, np.roll(corners, -1, axis=1))
-    lines /= np.hypot(lines[..., 0], lines[..., 1])[..., np.newaxis]
+    lines /= np.sqrt(lines[..., :1] ** 2 + lines[..., 1:2] ** 2)
     x, y = _find_centres(frame, seen).T[..., np.newaxis]
     a, b, c = np.moveaxis(lines[places.reshape(-1)], 2, 0)
     return np.abs(a * x + b * y + c).min(axis=1) * 2.0 / min(size)

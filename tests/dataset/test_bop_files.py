@@ -374,7 +374,7 @@ def test_arguments_are_checked_at_once(options, said):
     scene = rj.Scene()
     scene.add(quad())
     with pytest.raises(ValueError, match=said):
-        render_objects(**{"scene": scene, "cameras": [CAMERA], "size": SIZE} | options)
+        render_objects(**{"what": scene, "cameras": [CAMERA], "size": SIZE} | options)
 
 
 def test_warnings_name_the_camera_among_all(monkeypatch):
