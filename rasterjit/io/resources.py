@@ -221,9 +221,10 @@ class RobotResources(Resources):
         ----------
         name : str
             ``package://NAME/path`` or ``model://NAME/path``: of the package that the file is in, of
-            one in or beside a folder above, or of one in ``ROS_PACKAGE_PATH`` or
-            ``AMENT_PREFIX_PATH``. A path relative to the file, or to the folder above it. An
-            absolute path, also with ``file://``, in what is allowed.
+            one in or beside a folder above, of one in ``ROS_PACKAGE_PATH`` or
+            ``AMENT_PREFIX_PATH``, or else in the place of the package the folder of the file or the
+            one above it. A path relative to these two. An absolute path, also with ``file://``, in
+            what is allowed.
 
         Raises
         ------
@@ -235,22 +236,24 @@ class RobotResources(Resources):
         label, slashed = quote_name(name), name.replace("\\", "/").removeprefix("file://")
         if "\0" in slashed:
             raise RefusedFileError(f"{label} is no name of a file")
+        folders = self._folders[:2]
+        beside = [(one, self.root) for one in folders if one.is_relative_to(self.root)]
+        missing = "it is missing"
         if match := _PACKAGE.fullmatch(slashed):
-            roots = self._list_package_folders(match[1])
+            roots, slashed = self._list_package_folders(match[1]), match[2].lstrip("/")
             if not roots:
-                raise MissingFileError(
+                missing = (
                     f"there is no package {quote_name(match[1])} above or beside the file, in "
                     "ROS_PACKAGE_PATH or in AMENT_PREFIX_PATH"
                 )
-            places = [(root / match[2].lstrip("/"), root) for root in roots]
+            # Folders of packages are often renamed.
+            beside = [*((root, root) for root in roots), *beside]
         elif _SCHEME.match(slashed) and not _DRIVE.match(slashed):
             raise RefusedFileError(f"{label} is not a file on this machine")
-        else:
-            places = [(folder / slashed, self.root) for folder in self._folders[:2]]
         refused: RefusedFileError | None = None
-        for place, root in places:
+        for folder, root in beside:
             try:
-                path = self._resolve_inside(place, label, root)
+                path = self._resolve_inside(folder / slashed, label, root)
             except RefusedFileError as error:
                 refused = refused or error
                 continue
@@ -258,7 +261,7 @@ class RobotResources(Resources):
                 return path, self.root if self._is_limited else root
         if refused is not None:
             raise refused
-        raise MissingFileError("it is missing")
+        raise MissingFileError(missing)
 
     def _resolve(self, name: str, label: str) -> Path:
         """Return the real path of a file name, or raise ``ValueError``."""

@@ -212,7 +212,7 @@ def _strip_unseen(root: Any, left_out: LeftOut) -> None:
             left_out.note("visual without a shape")
             visual.getparent().remove(visual)
         elif len(shapes) > 1:
-            raise ValueError(f"a visual must have one shape, got {len(shapes)}")
+            left_out.note("further shape of a visual", len(shapes) - 1)
 
 
 def _convert_robot(robot: Any, left_out: LeftOut) -> RobotRecord:

@@ -213,6 +213,7 @@ def test_the_unit_of_a_collada_file_holds_and_its_upward_axis_does_not(tmp_path)
         ("r/meshes/tri.obj", "meshes/tri.obj"), ("r/m/tri.obj", "package://r/m/tri.obj"),
         ("r/m/tri.obj", "package:///r/m/tri.obj"), ("r/m/tri.obj", "model://r/m/tri.obj"),
         ("other/m/tri.obj", "package://other/m/tri.obj"),
+        ("r/m/tri.obj", "package://renamed/m/tri.obj"),
         ("far/ws/pkg/m/tri.obj", "package://pkg/m/tri.obj"),
         ("far/install/share/ros2/m/tri.obj", "package://ros2/m/tri.obj"),
         ("r/urdf/tri.obj", "file://{folder}/r/urdf/tri.obj"),
