@@ -1,17 +1,23 @@
-"""The command line on every system: names, ends of lines, long paths, Ctrl-C and full folders."""
+"""
+What works alike on every system: names, ends of lines, long paths, Ctrl-C, full folders, processes.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+import urllib.request
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from PIL import Image
+
+from rasterjit.runtime import jit
 
 pytestmark = pytest.mark.takes_long
 
@@ -104,6 +110,62 @@ def test_ctrl_c_leaves_no_file(tmp_path):
         status = running.returncode
     assert (status, said.strip()) == (130, b"error: interrupted")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mtl", "a.obj"]
+
+
+def test_processes_of_a_data_set_write_what_one_does(tmp_path):
+    for name in ("one", "two"):
+        write_model(tmp_path / "meshes", f"{name}.obj")
+    found = []
+    for workers in (1, 2):
+        folder = tmp_path / str(workers)
+        done = run(
+            "dataset", tmp_path / "meshes", "-o", folder, "--views", 2, "--size", 16, "-q",
+            "--workers", workers,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, b"")
+        paths = [path for path in sorted(folder.rglob("*.png"))]
+        found.append({path.relative_to(folder): path.read_bytes() for path in paths})
+    assert found[0] == found[1]
+    assert len(found[0]) > 4
+
+
+LINES = """
+import rasterjit as rj
+from rasterjit.runtime import store
+picture = rj.Framebuffer(32, 32)
+picture.draw_line((1, 2), (30, 20), (255, 0, 0), end_color=(0, 0, 255))
+print(picture.color.tobytes().hex(), len(store.USED_KERNELS.compiled))
+"""
+
+
+@pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is kept")
+def test_two_processes_fill_one_store(tmp_path):
+    # No wheel has code for this CPU.
+    environment = {**os.environ, "RASTERJIT_CACHE_DIR": str(tmp_path), "NUMBA_CPU_NAME": "generic"}
+    environment["NUMBA_CPU_FEATURES"] = ""
+
+    def start():
+        command = [sys.executable, "-c", LINES]
+        return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+
+    together = [start(), start()]
+    said = [process.communicate(timeout=MAX_SECONDS)[0].split() for process in together]
+    picture, _ = said[0]
+    assert [pictures for pictures, _ in said] == [picture, picture]
+    assert start().communicate(timeout=MAX_SECONDS)[0].split() == [picture, "0"]
+
+
+def test_the_page_of_a_view_answers(tmp_path):
+    command = [sys.executable, "-m", "rasterjit", "view", str(write_model(tmp_path))]
+    command += ["--backend", "browser", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as serving:
+        try:
+            lines = (line.decode() for line in serving.stdout)
+            address = next(filter(None, (re.search(r"http://\S+", line) for line in lines)))[0]
+            with urllib.request.urlopen(address, timeout=MAX_SECONDS) as answer:
+                assert b"<canvas" in answer.read()
+        finally:
+            serving.kill()
 
 
 def fill(path):
