@@ -22,6 +22,7 @@ import errno
 import io
 import os
 import struct
+import sys
 import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -54,6 +55,14 @@ ENCODER_OPTIONS: dict[str, dict[str, Any]] = {
     ".webp": {"lossless": True},
 }
 """Options of encoders whose defaults lose visible detail."""
+
+IS_WINDOWS = sys.platform == "win32"
+
+WINDOWS_FORBIDDEN = frozenset('\0<>:"|?*')
+"""Characters that no name of a file has on Windows. A colon would write to another stream."""
+
+MAX_WINDOWS_NAME = 255
+"""Most UTF-16 units of a name there."""
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOR_TYPES = {(): 0, (3,): 2, (4,): 6}
@@ -160,7 +169,7 @@ def check_save_path(path: str | os.PathLike[str], formats: Iterable[str]) -> Pat
         raise ValueError(f"path must be a file name, got {path!r}")
     target = Path(os.fsdecode(path))
     name = str(target)
-    if not _is_encodable(name):
+    if not _is_possible(target):
         raise ValueError(f"path must be a name that a file can have, got {name!r}")
     if target.suffix.lower() not in formats:
         raise ValueError(f"path {str(target)!r} must end in one of {', '.join(formats)}")
@@ -174,10 +183,14 @@ def check_save_path(path: str | os.PathLike[str], formats: Iterable[str]) -> Pat
     return target
 
 
-def _is_encodable(path: str) -> bool:
-    """Tell whether a path can be encoded as a file name of the system."""
+def _is_possible(path: Path) -> bool:
+    """Tell whether a file of the system can have a path."""
     try:
-        return b"\0" not in os.fsencode(path)
+        if not IS_WINDOWS:
+            return b"\0" not in os.fsencode(path)
+        str(path).encode()
+        units = len(path.name.encode("utf-16-le")) // 2
+        return units <= MAX_WINDOWS_NAME and WINDOWS_FORBIDDEN.isdisjoint(path.name)
     except UnicodeEncodeError:
         return False
 

@@ -1,6 +1,8 @@
 import itertools
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import imageio.v3 as iio
 import numpy as np
@@ -96,7 +98,7 @@ def test_failed_write_leaves_the_existing_file_whole(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["a", "a.txt", "a.png.gz", "missing/a.png"])
 def test_bad_paths_are_named_before_anything_is_written(tmp_path, name):
-    with pytest.raises(ValueError, match=name):
+    with pytest.raises(ValueError, match=re.escape(str(Path(name)))):
         images.save_image(tmp_path / name, picture())
     assert not files(tmp_path)
 
@@ -153,8 +155,8 @@ def test_a_refused_file_is_named_as_it_was_asked_for(tmp_path):
 
     with pytest.raises(PermissionError) as refusal, images.atomic_file(path) as temporary:
         write(temporary)
-    assert str(path) in str(refusal.value)
-    assert str(temporary) not in str(refusal.value)
+    assert refusal.value.filename == str(path)
+    assert temporary.name not in str(refusal.value)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -162,6 +164,14 @@ def test_a_refused_file_is_named_as_it_was_asked_for(tmp_path):
 def test_a_path_that_cannot_be_is_named(path, tmp_path):
     with pytest.raises(ValueError, match="path "):
         images.save_image(tmp_path / path, picture())
+
+
+@pytest.mark.parametrize("name", ["a:b.png", "what?.png", "\U0001f986" * 126 + ".png"])
+def test_a_name_that_windows_cannot_have_is_refused_there(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(images, "IS_WINDOWS", True)
+    with pytest.raises(ValueError, match="path must be a name that a file can have"):
+        images.save_image(tmp_path / name, picture())
+    images.save_image(tmp_path / "größe 1.png", picture())
 
 
 FULL = """
