@@ -345,12 +345,13 @@ def _check_no_circle(above: dict[str, str], what: str, act: str) -> None:
     """Raise ``ValueError`` if the way from a name to what is above it leads in a circle."""
     sound: set[str] = set()
     for start in above:
-        path, name = list[str](), start
+        path, name = dict[str, None](), start
         while name in above and name not in sound:
             if name in path:
-                circle = ", ".join(path[path.index(name) :][:MAX_LISTED_KINDS])
+                names = list(path)
+                circle = ", ".join(names[names.index(name) :][:MAX_LISTED_KINDS])
                 raise ValueError(f"{what} {act} in a circle: {circle}")
-            path.append(name)
+            path[name] = None
             name = above[name]
         sound.update(path)
 
@@ -371,25 +372,36 @@ def build_robot(
     MeshFileError
         If mesh files cannot be found or read and ``on_damage`` is ``"error"``, or nothing is left.
     """
+    context.take("its links", _NODE_MEMORY * len(record.links))
     nodes = {name: Node(name=name) for name in record.links}
-    scene = Scene()
-    for joint in record.joints:
-        node = nodes[joint.child]
-        node.transform, node.parent = joint.origin, nodes[joint.parent]
-    for node in nodes.values():
-        if node.parent is None:
-            scene.add(node)
-    _add_joints(record, nodes, scene)
+    for one in record.joints:
+        nodes[one.child].transform = one.origin
+    # Nodes that carry nothing yet move at once; those above come first.
+    joints, scene = _make_joints(record, nodes), Scene()
+    below: dict[str, list[str]] = {name: [] for name in record.links}
+    for one in record.joints:
+        below[one.parent].append(one.child)
+    children = {one.child for one in record.joints}
+    pending = [name for name in record.links if name not in children]
+    for name in pending:
+        if name not in children:
+            scene.add(nodes[name])
+        for child in below[name]:
+            nodes[child].parent = nodes[name]
+        pending += below[name]
+    for name, joint in joints.items():
+        scene.joints.add(name, joint)
     _VisualsBuilder(context, resources, load_part).add(record.visuals, nodes, scene, on_damage)
     return scene
 
 
-def _add_joints(record: RobotRecord, nodes: dict[str, Node], scene: Scene) -> None:
-    """Add the joints that one number moves, each at 0 or at the limit nearest to it."""
+def _make_joints(record: RobotRecord, nodes: dict[str, Node]) -> dict[str, Joint]:
+    """Return the joints that one number moves, each at 0 or at the limit nearest to it."""
     records = {one.name: one for one in record.joints if one.kind in JOINT_KINDS}
     joints: dict[str, Joint] = {}
 
     def make(one: JointRecord) -> Joint:
+        """Return a joint; the one that it follows is there."""
         unit = _unit_of(one)
         limits = None if one.limits is None else (unit * one.limits[0], unit * one.limits[1])
         kind: Any = one.kind
@@ -401,18 +413,16 @@ def _add_joints(record: RobotRecord, nodes: dict[str, Node], scene: Scene) -> No
         return Joint(nodes[one.child], kind, one.axis, limits, follows)
 
     for name in records:
-        chain = [name]
-        while (mimic := records[chain[-1]].mimic) is not None and mimic[0] not in joints:
+        chain = [] if name in joints else [name]
+        while chain and (mimic := records[chain[-1]].mimic) and mimic[0] not in joints:
             chain.append(mimic[0])
         for link in reversed(chain):
-            if link not in joints:
-                joints[link] = make(records[link])
-    for name in records:
-        scene.joints.add(name, joints[name])
+            joints[link] = make(records[link])
     for joint in joints.values():
         low, high = joint.limits
         if joint.follows is None and not low <= 0.0 <= high:
             joint.value = min(max(0.0, low), high)
+    return {name: joints[name] for name in records}
 
 
 def _unit_of(joint: JointRecord) -> float:

@@ -137,6 +137,18 @@ def test_of_many_nodes_the_first_are_printed_and_deep_trees_are_no_burden():
     assert rows["node 19"].strip() == "'joint 19': group"
 
 
+def test_joints_are_told_with_their_limits():
+    pytest.importorskip("yourdfpy")
+    arm = MODELS.parent / "docs" / "examples" / "arm.urdf"
+    scene, held = rj.load(arm), told(arm)["joints"]
+    assert [one["name"] for one in held] == list(scene.joints)
+    assert held[0]["limits"] == [None, None]
+    assert held[3]["limits"] == list(scene.joints["reach"].limits)
+    rows = printed(arm)
+    assert rows["joint 0"] == "'turn': continuous of 'shoulder'"
+    assert rows["joint 3"] == "'reach': prismatic of 'piston', 0..0.15"
+
+
 def test_cameras_of_every_kind_can_be_told_as_json():
     scene = rj.load(MODELS / "cube.ply")
     scene.lights = [rj.SpotLight((0, 1, 2), shadow=rj.Shadow()), rj.AmbientLight()]
