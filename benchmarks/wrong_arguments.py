@@ -165,6 +165,7 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         made.animations = [
             rj.Animation("walk", [rj.Channel(node, "scale", [0, 1], np.ones((2, 3)))])
         ]
+        made.joints.add("hinge", rj.Joint(node, "revolute", (0, 0, 1)))
         return made
 
     scenes = []
@@ -257,6 +258,11 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         "Framebuffer.draw_bezier.points": lambda: [(0, 0), (3, 0), (3, 3), (0, 3)],
         "Framebuffer.save.path": lambda: folder / "b.png",
         "Animation.name": lambda: "walk",
+        "Joint.kind": lambda: "revolute", "Joint.transforms.values": lambda: [10.0, 20.0],
+        "Joints.add.joint": lambda: rj.Joint(scenes[-1].nodes[0], "revolute", (0, 0, 1)),
+        "Joints.add.name": lambda: "door", "Joints.add.self": lambda: kept_scene().joints,
+        "Joints.move.pose": lambda: [10.0], "Joints.transforms.poses": lambda: [[10.0], [20.0]],
+        "Joints.from_radians.poses": lambda: [[0.1], [0.2]],
         "RasterizedFaces.interpolate.values": lambda: np.ones((3, 1)),
         "animation.MorphTrack.vertices": lambda: np.stack([square, square]),
         "animation.save.path": lambda: folder / "a.gif",

@@ -41,6 +41,7 @@ PACKAGES = {
     **dict.fromkeys(("med", "h5m", "hmf", "cgns", "xdmf", "xmf", "xdmf hdf"), "h5py"),
     **dict.fromkeys(("exo", "ex2", "e"), "netCDF4"),
     **dict.fromkeys(("vtp", "vti", "vtr", "vts", "vtm", "vtk polydata"), "pyvista"),
+    "urdf": "yourdfpy",
 }
 """What some samples need beside meshio."""
 
@@ -242,6 +243,22 @@ def dxf(has_curves: bool) -> Files:
     return {"a.dxf": "".join(f"{code}\n" for code in codes).encode()}
 
 
+def urdf() -> Files:
+    """Return a robot of a box and a mesh, whose joints a second one follows."""
+    box = '<visual><geometry><box size="1 2 3"/></geometry><material name="m"/></visual>'
+    mesh = '<visual><geometry><mesh filename="skin.obj" scale="1 2 1"/></geometry></visual>'
+    links = f'<link name="a">{box}</link><link name="b">{mesh}</link><link name="c">{box}</link>'
+    ends = '<parent link="a"/><child link="{}"/><limit lower="-1" upper="1"/>'
+    return {
+        "a.urdf": (
+            f'<robot name="r"><material name="m"><color rgba="1 0.5 0 1"/></material>{links}'
+            f'<joint name="j" type="revolute">{ends.format("b")}<axis xyz="0 0 1"/></joint>'
+            f'<joint name="k" type="prismatic">{ends.format("c")}<mimic joint="j"/></joint></robot>'
+        ).encode(),
+        "skin.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    }
+
+
 ALL = {
     **{name: lambda name=name: cells(name) for name in (*SURFACES, *SOLIDS)},
     **{name: lambda name=name: cells(name) for name in WRITTEN_AS if " " in name},
@@ -250,7 +267,7 @@ ALL = {
     "vtk polydata": vtk_polydata,
     "las": lambda: cloud("las"), "laz": lambda: cloud("laz"),
     "las new": lambda: cloud("las", "1.4", 7), "laz new": lambda: cloud("laz", "1.4", 7),
-    "svg": svg, "dxf": lambda: dxf(False), "dxf curves": lambda: dxf(True),
+    "urdf": urdf, "svg": svg, "dxf": lambda: dxf(False), "dxf curves": lambda: dxf(True),
 }  # fmt: skip
 
 SAMPLES = {name: make for name, make in ALL.items() if find_spec(PACKAGES.get(name, "numpy"))}

@@ -20,7 +20,15 @@ from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.node import Node, subtree
 from rasterjit.scene.portable_trig import sin_cos_degrees
 from rasterjit.scene.transforms import product_of_each, unit_triple
-from rasterjit.scene.validation import brief, finite_array, finite_number, one_of, suggest
+from rasterjit.scene.validation import (
+    brief,
+    finite_array,
+    finite_number,
+    number_array,
+    one_of,
+    string,
+    suggest,
+)
 from rasterjit.scene.vectors import rotation_rows
 
 if TYPE_CHECKING:
@@ -111,14 +119,9 @@ class Joint(HoldsArrays, Guarded):
         self._follows: Follows | None = None
         self._value = 0.0
         if follows is not None:
-            leader, factor, offset = follows
-            if not isinstance(leader, Joint):
-                raise ValueError(f"follows must begin with a Joint, got {brief(leader)}")
-            self._follows = Follows(
-                leader, finite_number("factor", factor), finite_number("offset", offset)
-            )
-            leader._followers.append(self)
-            self._move(leader.value)
+            self._follows = _check_follows(follows)
+            self._follows.joint._followers.append(self)
+            self._move(self._follows.joint.value)
 
     @property
     def name(self) -> str:
@@ -266,6 +269,8 @@ class Joints(Guarded, Mapping[str, Joint]):
     _ADVICE = "add(name, joint) adds one, and assigning its angle or position moves it"
 
     def __init__(self, scene: Scene) -> None:
+        if not isinstance(getattr(scene, "_joints", None), dict):
+            raise ValueError(f"scene must be a Scene, got {brief(scene)}")
         self._scene, self._joints = scene, scene._joints
 
     def __getitem__(self, name: str) -> Joint:
@@ -302,12 +307,12 @@ class Joints(Guarded, Mapping[str, Joint]):
         """
         if not isinstance(joint, Joint):
             raise ValueError(f"joint must be a Joint, got {brief(joint)}")
-        if name in self._joints:
+        if string("name", name) in self._joints:
             raise ValueError(f"name must be that of no other joint, got {name!r}")
         if not self._scene._holds(joint.node):
             raise ValueError(f"joint must move a node of the scene, got {joint.node!r}")
-        joint._name = str(name)
-        self._joints[joint._name] = joint
+        joint._name = name
+        self._joints[name] = joint
 
     def from_radians(self, poses: ArrayLike) -> Float64:
         """
@@ -322,12 +327,14 @@ class Joints(Guarded, Mapping[str, Joint]):
         -------
         (J,) or (N, J) float64
         """
-        rows = finite_array("poses", np.atleast_2d(poses), (None, len(self.free)))
+        array = number_array("poses", poses)
+        shape = (None, len(self.free))[array.ndim == 1 :]
+        rows = finite_array("poses", array, shape)
         factors = [
             1.0 if self._joints[name].kind == "prismatic" else math.degrees(1.0)
             for name in self.free
         ]
-        return (rows * factors).reshape(np.shape(poses))
+        return rows * factors
 
     def move(self, pose: ArrayLike | Mapping[str, float]) -> None:
         """
@@ -343,13 +350,16 @@ class Joints(Guarded, Mapping[str, Joint]):
         ValueError
             Naming the joint, the value and what it may be.
         """
-        row = pose if isinstance(pose, Mapping) else np.reshape(pose, (1, -1))
-        values = self._columns(row)
-        for name, column in values.items():
-            if len(column) != 1:
-                raise ValueError(f"joint {name!r} must get one value, got {len(column)}")
-        for name, column in values.items():
-            self._joints[name]._move(float(column[0]))
+        if isinstance(pose, Mapping):
+            names = self._check_names("pose", pose)
+            values = [finite_number(f"pose of joint {name!r}", pose[name]) for name in names]
+        else:
+            names = self.free
+            values = finite_array("pose", pose, (len(names),)).tolist()
+        for name, value in zip(names, values, strict=True):
+            self._joints[name]._check(np.array([value]))
+        for name, value in zip(names, values, strict=True):
+            self._joints[name]._move(value)
 
     def transforms(self, poses: ArrayLike | Mapping[str, ArrayLike]) -> Float64:
         """
@@ -371,15 +381,23 @@ class Joints(Guarded, Mapping[str, Joint]):
         ValueError
             Naming the joint, the value and what it may be.
         """
-        values = self._columns(poses)
-        counts = {len(column) for column in values.values()}
+        if isinstance(poses, Mapping):
+            names = self._check_names("poses", poses)
+            columns = [
+                finite_array(f"poses of joint {name!r}", poses[name], (None,)) for name in names
+            ]
+        else:
+            names = self.free
+            columns = list(finite_array("poses", poses, (None, len(names))).T)
+        counts = {len(column) for column in columns}
         if len(counts) > 1:
             raise ValueError(f"poses must have as many values for each joint, got {sorted(counts)}")
-        count = counts.pop() if counts else 1
+        count = counts.pop() if counts else len(poses)
         # Where each joint's node stands below its parent, (N, 4, 4); followers after leaders.
-        pending = list(values.items())
         moved: dict[int, Float64] = {}
-        joints = [(self._joints[name], column) for name, column in pending]
+        joints = [(self._joints[name], column) for name, column in zip(names, columns, strict=True)]
+        for joint, column in joints:
+            joint._check(column)
         while joints:
             joint, column = joints.pop()
             moved[id(joint.node)] = joint.transforms(column)
@@ -411,21 +429,15 @@ class Joints(Guarded, Mapping[str, Joint]):
             result[:, number] = world.get(id(node), node.world_matrix)
         return result
 
-    def _columns(self, poses: Any) -> dict[str, Float64]:
-        """Return the checked values of each joint, (N,), by its name."""
-        names: tuple[str, ...]
-        if isinstance(poses, Mapping):
-            names = tuple(poses)
-            columns = [np.atleast_1d(poses[name]) for name in names]
-        else:
-            names = self.free
-            columns = list(finite_array("poses", poses, (None, len(names))).T)
-        values = {}
-        for name, column in zip(names, columns, strict=True):
-            joint = self[name]
-            values[name] = finite_array(f"joint {name!r}", column, (None,))
-            joint._check(values[name])
-        return values
+    def _check_names(self, label: str, named: Mapping[str, Any]) -> tuple[str, ...]:
+        """Return the names in a mapping, or raise ``ValueError`` if one is that of no joint."""
+        for name in named:
+            if name not in self._joints:
+                try:
+                    self[name]
+                except UnknownJointError as error:
+                    raise UnknownJointError(f"{label} must name joints: {error}") from None
+        return tuple(named)
 
     def __repr__(self) -> str:
         return f"Joints({', '.join(map(repr, self._joints))})"
@@ -455,10 +467,21 @@ def _check_limits(limits: Any, kind: str) -> tuple[float, float]:
         return -math.inf, math.inf
     if kind == "continuous":
         raise ValueError(f"limits must not be given for a continuous joint, got {brief(limits)}")
-    try:
-        low, high = (float(one) for one in limits)
-    except (TypeError, ValueError):
-        raise ValueError(f"limits must be two numbers, got {brief(limits)}") from None
+    ends = number_array("limits", limits)
+    if ends.shape != (2,):
+        raise ValueError(f"limits must be two numbers, got {brief(limits)}")
+    low, high = ends.tolist()
     if not low <= high:
         raise ValueError(f"limits must be the least and the greatest value, got {brief(limits)}")
     return low, high
+
+
+def _check_follows(follows: Any) -> Follows:
+    """Return what a joint follows, or raise ``ValueError``."""
+    if not isinstance(follows, tuple) or len(follows) != 3 or not isinstance(follows[0], Joint):
+        raise ValueError(f"follows must be a Joint, a factor and an offset, got {brief(follows)}")
+    leader, factor, offset = follows
+    label = "follows must hold numbers: its"
+    return Follows(
+        leader, finite_number(f"{label} factor", factor), finite_number(f"{label} offset", offset)
+    )
