@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import logging
+import os
 import pickle
 import warnings
 from pathlib import Path
@@ -156,6 +157,14 @@ def test_copies_of_a_robot_move_by_themselves(tmp_path):
         stage.add(scene, name="two")
 
 
+def test_a_robot_read_in_this_process_is_the_same(tmp_path):
+    file = write(tmp_path, *GRIPPER)
+    one, other = rj.load(file), rj.load(file, isolate=False)
+    assert repr(one.joints) == repr(other.joints)
+    for node, same in zip(one.nodes, other.nodes, strict=True):
+        np.testing.assert_array_equal(node.world_matrix, same.world_matrix)
+
+
 def test_origins_scales_colors_and_names_are_read(tmp_path):
     (tmp_path / "tri.obj").write_text(TRIANGLE)
     visual = (
@@ -222,7 +231,7 @@ def test_the_unit_of_a_collada_file_holds_and_its_upward_axis_does_not(tmp_path)
 def test_meshes_are_found_beside_the_file_above_it_and_in_packages(
     tmp_path, monkeypatch, place, name
 ):
-    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}/none:{tmp_path}/far/ws")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}/none{os.pathsep}{tmp_path}/far/ws")
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}/far/install")
     (tmp_path / place).parent.mkdir(parents=True)
     (tmp_path / place).write_text(TRIANGLE)
