@@ -37,7 +37,7 @@ COMPILED = {"kernel", "raw_kernel", "stage", "helper", "disjoint_helper", "intri
 """Decorators of what is compiled: its parameters are arrays and numbers, one by one."""
 PUBLIC_FILES = ("rasterjit/io/cameras.py",)
 """Files of which everything is public, beside the names in ``__all__``."""
-OF_OTHERS = re.compile(r"compat/(pyrender/|mujoco/|bop\.py)")
+OF_OTHERS = re.compile(r"compat/(pyrender/|mujoco/|pybullet/|bop\.py)")
 """Where names and signatures are those of another package."""
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,

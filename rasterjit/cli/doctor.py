@@ -45,6 +45,7 @@ EXTRAS = {
     "notebook": ("rendercanvas", "anywidget", "simplejpeg"),
     "mpl": ("matplotlib",),
     "mujoco": ("mujoco",),
+    "pybullet": ("pybullet",),
     "distributed": ("dask", "distributed"),
     "large": ("tifffile",) if sys.version_info < (3, 11) else ("tifffile", "zarr"),
 }

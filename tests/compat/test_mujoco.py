@@ -18,7 +18,8 @@ mujoco = pytest.importorskip("mujoco", reason=REASON)
 
 import rasterjit as rj  # noqa: E402
 from rasterjit.compat import mujoco as drawn  # noqa: E402
-from rasterjit.compat.mujoco import model_scene, shapes  # noqa: E402
+from rasterjit.compat.mujoco import model_scene  # noqa: E402
+from rasterjit.compat.unit_shapes import make_unit_shape  # noqa: E402
 
 HEIGHT, WIDTH = 60, 80
 CAMERA = '<camera name="front" pos="0 -4 2" xyaxes="1 0 0 0 0.5 1" fovy="50"/>'
@@ -131,7 +132,7 @@ def test_shapes_are_closed_and_face_outward(kind, size, volume):
 
 @pytest.mark.parametrize("name", ["arrow", "arrow1", "arrow2"])
 def test_arrows_are_closed_where_they_are_in_mujoco(name):
-    surface = shapes.make_unit_shape(name, 28, 16, 4)
+    surface = make_unit_shape(name, 28, 16, 4)
     a, b, c = np.moveaxis(surface.positions[surface.faces], 1, 0)
     normals = surface.normals[surface.faces].mean(axis=1)
     assert (np.einsum("ij,ij->i", normals, np.cross(b - a, c - a)) > 0.0).all()

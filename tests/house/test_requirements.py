@@ -24,6 +24,8 @@ ELSEWHERE = {
     "svg": "svg.path, which the extra names, provides it; without it what needs it is skipped",
     "PySide6": "the extra viewer-qt names it; without it what needs it is skipped",
     "mujoco": "the extra mujoco names it; without it what needs it is skipped",
+    "pybullet": "the extra pybullet names it; without it what needs it is skipped",
+    "pybullet_data": "pybullet brings it",
     "pycolmap": "it has wheels for few systems; without it what needs it is skipped",
     "pyrender": "that of PYRENDER_PYTHON; without it what it said is read",
     "pyvista": "the extra bench-large names it; what needs it is skipped before",

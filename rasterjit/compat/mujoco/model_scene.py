@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rasterjit.compat.mujoco import shapes
 from rasterjit.compat.opengl_camera import make_matrix_camera
+from rasterjit.compat.unit_shapes import Triangulation, make_unit_shape
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.light import (
@@ -145,7 +146,7 @@ class ModelScene(Scene):
         self._model, self._as_codes = model, as_codes
         self._geom_scene = mujoco.MjvScene(model, max(2, max_geom))
         self._option, self._arrays = mujoco.MjvOption(), GeomArrays(self._geom_scene)
-        self._surfaces: dict[Any, shapes.Triangulation] = {}
+        self._surfaces: dict[Any, Triangulation] = {}
         self._meshes: dict[Any, Mesh] = {}
         self._textures: dict[Any, Texture] = {}
         self._whole_textures: dict[int, Texture] = {}
@@ -407,7 +408,7 @@ class ModelScene(Scene):
         uv = surface.uv if material.base_color_texture is not None else None
         return Mesh(surface.positions, faces, normals=surface.normals, uv=uv, material=material)
 
-    def _get_surface(self, part: Any, data: int) -> shapes.Triangulation:
+    def _get_surface(self, part: Any, data: int) -> Triangulation:
         """Return a shape by its name, or by the kind and data number of a geom of the model."""
         key = part, data
         if not mark_used(self._surfaces, key):
@@ -420,7 +421,7 @@ class ModelScene(Scene):
                 found = shapes.make_mesh(self._model, data)
             else:
                 name = part if isinstance(part, str) and part else "square"
-                found = shapes.make_unit_shape(
+                found = make_unit_shape(
                     name, quality.numslices, quality.numstacks, quality.numquads
                 )
             self._surfaces[key] = found

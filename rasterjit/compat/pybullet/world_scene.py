@@ -1,0 +1,474 @@
+"""A scene whose nodes follow the visual shapes of a client of PyBullet."""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from rasterjit.compat.pybullet.noted_calls import GivenMesh, get_notes
+from rasterjit.compat.unit_shapes import (
+    Triangulation,
+    join,
+    make_rectangle,
+    make_unit_shape,
+    scale_and_shift,
+)
+from rasterjit.io.meshes import load
+from rasterjit.scene.color import decoding_table
+from rasterjit.scene.light import AmbientLight, DirectionalLight, Shadow
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.texture import Texture
+from rasterjit.scene.validation import read_only
+from rasterjit.scene.warning import warn_caller
+
+Float64 = NDArray[np.float64]
+
+BASE = -1
+"""PyBullet's number of the link that is a body's base."""
+
+LINK_SHIFT = 24
+"""Bit of a segmentation's value from which on it counts links."""
+
+SOFT_BODY = 3
+"""Type of a soft body in ``getDynamicsInfo``."""
+
+SHADOW_SHARE = 0.2
+"""Share of the light that a shadow takes, as TinyRenderer has it."""
+
+MAX_SHADOW_TEXELS = 1024
+"""Largest side of a shadow map, which is fitted to the view."""
+
+SHININESS = 2.0
+"""Exponent of highlights."""
+
+SLICES, STACKS = 24, 12
+"""Divisions of round shapes around their axis and along it."""
+
+PLANE_HALF_SIZE = 128.0
+"""Half the side of the square that stands for a plane."""
+
+BOX_SIDES = (
+    ((0.125, 0.375), (0.0, 0.0, -0.25), (0.0, -0.25, 0.0)),
+    ((0.625, 0.125), (0.0, 0.25, 0.0), (0.0, 0.0, 0.25)),
+    ((0.125, 0.125), (0.25, 0.0, 0.0), (0.0, 0.0, 0.25)),
+    ((0.375, 0.375), (0.25, 0.0, 0.0), (0.0, 0.0, -0.25)),
+    ((0.875, 0.125), (0.25, 0.0, 0.0), (0.0, 0.25, 0.0)),
+    ((0.375, 0.125), (-0.25, 0.0, 0.0), (0.0, 0.25, 0.0)),
+)
+"""Of the sides of a box, +x, -x, +y, -y, +z and -z: uv in the middle, and what u and v are by."""
+
+CHECKER = np.array([[(173, 199, 255), (255, 255, 255)], [(255, 255, 255), (173, 199, 255)]])
+"""Texels of what planes show, (2, 2, 3)."""
+
+
+class LightSettings(NamedTuple):
+    """Arguments of `getCameraImage` that light depends on."""
+
+    direction: tuple[float, ...]
+    """Towards the light, of unit length."""
+    color: tuple[float, ...]
+    has_shadow: bool
+    ambient: float
+    diffuse: float
+    specular: float
+
+
+class Part(NamedTuple):
+    """What is drawn as one node."""
+
+    mesh: Mesh
+    local: Float64
+    """Its place in the frame of its link, (4, 4)."""
+    link: int
+
+
+class Body(NamedTuple):
+    """What is drawn of a body, and what it was made from."""
+
+    key: Any
+    parts: list[Part]
+    nodes: list[Node]
+    links: list[int]
+    """Links with shapes, but the base."""
+    is_soft: bool
+
+
+class WorldScene(Scene):
+    """
+    A scene whose nodes follow a client's bodies; `follow` updates it.
+
+    Light is computed with sRGB codes, as OpenGL does it, for pictures of the output ``"linear"``.
+
+    Parameters
+    ----------
+    client : int
+    """
+
+    def __init__(self, client: int) -> None:
+        super().__init__()
+        self._notes = get_notes(client)
+        self._numbers = np.full(1, -1, np.int32)
+        self._client, self._bodies = client, dict[int, Body]()
+        self._light: Any = None
+        self._warned: set[str] = set()
+
+    def follow(self, light: LightSettings, is_opaque: bool, shadow_size: int) -> None:
+        """
+        Update nodes and light to the world as it is.
+
+        Parameters
+        ----------
+        light : LightSettings
+        is_opaque : bool
+            Whether nothing is seen through.
+        shadow_size : int, texels
+        """
+        self._set_light(light, min(MAX_SHADOW_TEXELS, shadow_size))
+        # Highlights follow one ratio of the specular to the diffuse light.
+        look = is_opaque, light.specular / max(light.diffuse, 1e-6)
+        client, bodies, missing = self._client, dict[int, Body](), list[str]()
+        for n in range(pybullet.getNumBodies(physicsClientId=client)):
+            number = pybullet.getBodyUniqueId(n, physicsClientId=client)
+            shapes = pybullet.getVisualShapeData(number, 1, physicsClientId=client)
+            key = shapes, look, self._notes.version
+            body = self._bodies.get(number)
+            if body is None or body.key != key:
+                body = self._make_body(number, key, missing)
+            bodies[number] = body
+        if [*map(id, bodies.values())] != [*map(id, self._bodies.values())]:
+            self._bodies = bodies
+            self.nodes[:] = [node for body in bodies.values() for node in body.nodes]
+            numbers = [
+                number + ((part.link + 1) << LINK_SHIFT)
+                for number, body in bodies.items()
+                for part in body.parts
+            ]
+            self._numbers = np.array([*numbers, -1], np.int64).astype(np.int32)
+        self._place_nodes()
+        self.warn(missing)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the client is still the one that the scene was made for."""
+        return self._notes is get_notes(self._client)
+
+    @property
+    def numbers(self) -> NDArray[np.int32]:
+        """Segmentation with links of each node, and of none, (O + 1,)."""
+        return self._numbers
+
+    def warn(self, missing: Iterable[str]) -> None:
+        """Warn once of each thing that is not drawn."""
+        new = [name for name in dict.fromkeys(missing) if name not in self._warned]
+        if new:
+            self._warned.update(new)
+            warn_caller(f"not drawn: {', '.join(new)}")
+
+    # Poses.
+
+    def _place_nodes(self) -> None:
+        """Move all nodes to where the links of their bodies are."""
+        client = self._client
+        frames, rows, locals_ = list[Any](), list[int](), list[Float64]()
+        for number, body in self._bodies.items():
+            first = {BASE: len(frames)}
+            position, turn = pybullet.getBasePositionAndOrientation(number, physicsClientId=client)
+            frames.append((*position, *turn))
+            if body.links:
+                first.update({link: len(frames) + k for k, link in enumerate(body.links)})
+                states = pybullet.getLinkStates(number, body.links, physicsClientId=client)
+                frames.extend((*state[4], *state[5]) for state in states)
+            rows.extend(first[part.link] for part in body.parts)
+            locals_.extend(part.local for part in body.parts)
+            if body.is_soft:
+                self._deform(number, body)
+        if not rows:
+            return
+        matrices = read_only(_make_poses(np.array(frames))[rows] @ np.array(locals_))
+        for node, matrix in zip(self.nodes, matrices, strict=True):
+            node._move(matrix, None)
+
+    def _deform(self, number: int, body: Body) -> None:
+        """Set the mesh of a soft body to its present shape."""
+        count, points = pybullet.getMeshData(number, BASE, physicsClientId=self._client)
+        for node in body.nodes:
+            old = node.mesh
+            uv = None
+            if old.uv is not None and old.faces.size == count:
+                uv = old.uv[old.faces.reshape(-1)]
+            faces = np.arange(count).reshape(-1, 3)
+            node.mesh = Mesh(np.array(points), faces, uv=uv, material=old.material)
+
+    # Bodies.
+
+    def _make_body(self, number: int, key: Any, missing: list[str]) -> Body:
+        """Return the parts of a body, with new nodes; add the names of what is not drawn."""
+        shapes, (is_opaque, gain), _ = key
+        info = pybullet.getDynamicsInfo(number, BASE, physicsClientId=self._client)
+        # Bodies are told by their centre of mass; shapes lie in the frame of the base.
+        from_center = np.linalg.inv(_make_poses(np.array([(*info[3], *info[4])]))[0])
+        is_soft = info[10] == SOFT_BODY
+        parts, counts = list[Part](), dict[int, int]()
+        for shape in shapes:
+            link, color = shape[1], shape[7]
+            index = counts[link] = counts.get(link, -1) + 1
+            if color[3] <= 0.0:
+                continue
+            try:
+                pieces = self._find_pieces(shape, index)
+            except ValueError as error:
+                missing.append(str(error))
+                continue
+            local = _make_poses(np.array([(*shape[5], *shape[6])]))[0]
+            if link == BASE:
+                local = from_center @ local
+            if is_soft:
+                local = np.linalg.inv(_get_base_pose(number, self._client))
+            try:
+                override = self._find_texture(number, link, index)
+            except ValueError as error:
+                missing.append(str(error))
+                override = None
+            flags = self._find_flags(number, link, index)
+            for mesh, matrix, own in pieces:
+                texture = own if override is None else override or None
+                material = _make_material(
+                    tuple(color), texture, is_opaque, gain,
+                    bool(flags & pybullet.VISUAL_SHAPE_DOUBLE_SIDED) or is_soft,
+                )  # fmt: skip
+                shown = copy.copy(mesh)
+                shown.material = material
+                parts.append(Part(shown, local @ matrix, link))
+        links = sorted({part.link for part in parts} - {BASE})
+        return Body(key, parts, [Node(part.mesh) for part in parts], links, is_soft)
+
+    def _find_pieces(self, shape: Any, index: int) -> list[tuple[Mesh, Float64, Texture | None]]:
+        """Return meshes, their places and textures of a visual shape; or raise ``ValueError``."""
+        number, link, kind, size, name = shape[:5]
+        if kind == pybullet.GEOM_BOX:
+            return [(_get_box(), np.diag([*(0.5 * side for side in size), 1.0]), None)]
+        if kind == pybullet.GEOM_SPHERE:
+            return [(_get_ball(), np.diag([*3 * size[:1], 1.0]), None)]
+        if kind in (pybullet.GEOM_CYLINDER, pybullet.GEOM_CAPSULE):
+            is_capsule = kind == pybullet.GEOM_CAPSULE
+            return [(_get_tube(size[1], size[0], is_capsule), np.eye(4), None)]
+        if kind == pybullet.GEOM_PLANE:
+            return [(_get_plane(), np.eye(4), _get_checker())]
+        if kind != pybullet.GEOM_MESH:
+            raise ValueError(
+                "height fields" if kind == pybullet.GEOM_HEIGHTFIELD else f"shapes of type {kind}"
+            )
+        scale = np.diag([*size, 1.0])
+        file = name.decode(errors="surrogateescape")
+        if file and file != "unknown_file":
+            path = self._notes.find_file(file)
+            try:
+                changed = path.stat().st_mtime_ns
+            except OSError as error:
+                raise ValueError(f"{file} ({error})") from None
+            pieces = _load_pieces(path, changed)
+            has_texture = shape[8] >= 0
+            return [(mesh, scale @ m, own if has_texture else None) for mesh, m, own in pieces]
+        noted = self._notes.shapes.get(self._notes.bodies.get((number, link), -1), [])
+        given = noted[index][0] if index < len(noted) else None
+        if given is None:
+            count, points = pybullet.getMeshData(number, link, physicsClientId=self._client)
+            if not count:
+                raise ValueError(
+                    "meshes that were made of vertices before the import of "
+                    "rasterjit.compat.pybullet"
+                )
+            given = GivenMesh(np.array(points), np.arange(count).reshape(-1, 3), None, None)
+            scale = np.eye(4)
+        return [(_make_given_mesh(given), scale, None)]
+
+    def _find_texture(self, number: int, link: int, index: int) -> Texture | bool | None:
+        """Return a texture that the program gave a shape, False for none; None if it gave none."""
+        given = _find_noted(self._notes.overrides, number, link, index)
+        if given is None:
+            return None
+        if given < 0:
+            return False
+        source = self._notes.textures.get(given)
+        if source is None:
+            raise ValueError(
+                f"texture {given}, which was loaded before the import of rasterjit.compat.pybullet"
+            )
+        if isinstance(source, Path):
+            return _load_texture(source, source.stat().st_mtime_ns)
+        return Texture(source, color_space="linear")
+
+    def _find_flags(self, number: int, link: int, index: int) -> int:
+        """Return the flags of a shape, as far as they are known."""
+        noted = self._notes.shapes.get(self._notes.bodies.get((number, link), -1), [])
+        own = noted[index][1] if index < len(noted) else 0
+        given = _find_noted(self._notes.flags, number, link, index)
+        return own if given is None else given
+
+    # Light.
+
+    def _set_light(self, light: LightSettings, shadow_size: int) -> None:
+        """Set the lights, if they have changed."""
+        if (light, shadow_size) == self._light:
+            return
+        self._light = light, shadow_size
+        down = [-part for part in light.direction]
+        strength = max(light.diffuse, 1e-6)
+        shares: list[tuple[float, Shadow | None]] = [(1.0, None)]
+        if light.has_shadow:
+            shadow = Shadow(size=shadow_size)
+            shares = [(1.0 - SHADOW_SHARE, None), (SHADOW_SHARE, shadow)]
+        brightest = max(1.0, *light.color)
+        color = [part / brightest for part in light.color]
+        self.lights[:] = [
+            AmbientLight((1.0, 1.0, 1.0), light.ambient),
+            *(
+                DirectionalLight(down, color, share * strength * brightest, shadow)
+                for share, shadow in shares
+            ),
+        ]
+
+
+def _find_noted(table: dict[Any, int], number: int, link: int, index: int) -> int | None:
+    """Return what is noted of one shape of a link, else of all its shapes."""
+    return table.get((number, link, index), table.get((number, link, -1)))
+
+
+def _get_base_pose(number: int, client: int) -> Float64:
+    """Return the pose of a body's centre, (4, 4)."""
+    position, turn = pybullet.getBasePositionAndOrientation(number, physicsClientId=client)
+    return _make_poses(np.array([(*position, *turn)]))[0]
+
+
+def _make_poses(frames: Float64) -> Float64:
+    """Return matrices, (N, 4, 4), of positions and quaternions x, y, z, w, (N, 7)."""
+    x, y, z, w = frames[:, 3:].T / np.linalg.norm(frames[:, 3:], axis=1)
+    poses = np.zeros((len(frames), 4, 4))
+    poses[:, 0, 0], poses[:, 0, 1] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w)
+    poses[:, 1, 0], poses[:, 1, 1] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z)
+    poses[:, 2, 0], poses[:, 2, 1] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w)
+    poses[:, 0, 2], poses[:, 1, 2] = 2.0 * (x * z + y * w), 2.0 * (y * z - x * w)
+    poses[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    poses[:, :3, 3], poses[:, 3, 3] = frames[:, :3], 1.0
+    return poses
+
+
+# Meshes, textures and materials.
+
+
+def _make_mesh(surface: Triangulation) -> Mesh:
+    return Mesh(surface.positions, surface.faces, normals=surface.normals, uv=surface.uv)
+
+
+@functools.cache
+def _get_box() -> Mesh:
+    """Return a box of size 1 whose sides show places of a texture as PyBullet's do."""
+    box = make_unit_shape("box", SLICES, STACKS, 1)
+    uv = np.empty((24, 2))
+    for n, (middle, across, up) in enumerate(BOX_SIDES):
+        own = slice(4 * n, 4 * n + 4)
+        uv[own] = middle + 0.5 * box.positions[own] @ np.array([across, up]).T
+    return _make_mesh(box._replace(uv=uv))
+
+
+@functools.cache
+def _get_ball() -> Mesh:
+    """Return a ball of radius 1 whose texture is about its y axis."""
+    ball = make_unit_shape("ball", SLICES, STACKS, 1)
+    assert ball.uv is not None
+    turn = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)])
+    uv = np.stack([ball.uv[:, 0], 0.5 + 0.5 * ball.positions[:, 2]], axis=1)
+    return _make_mesh(Triangulation(ball.positions @ turn.T, ball.faces, ball.normals @ turn.T, uv))
+
+
+@functools.lru_cache(maxsize=256)
+def _get_tube(radius: float, length: float, is_capsule: bool) -> Mesh:
+    """Return a cylinder, or a capsule, about the z axis."""
+    across = radius, radius
+    if not is_capsule:
+        whole = make_unit_shape("cylinder", SLICES, 2, 1)
+        return _make_mesh(scale_and_shift(whole, (*across, 0.5 * length)))
+    parts = [scale_and_shift(make_unit_shape("tube", SLICES, 1, 1), (*across, 0.5 * length))]
+    for name, sign in (("top", 0.5), ("bottom", -0.5)):
+        cap = make_unit_shape(name, SLICES, STACKS, 1)
+        parts.append(scale_and_shift(cap, (*across, radius), sign * length))
+    return _make_mesh(join(parts))
+
+
+@functools.cache
+def _get_plane() -> Mesh:
+    """Return the square that stands for a plane."""
+    half = PLANE_HALF_SIZE
+    square = make_rectangle((-half, half), (-half, half))
+    uv = square.positions[:, :2] @ np.array([(0.0, 0.5), (-0.5, 0.0)])
+    return _make_mesh(square._replace(uv=uv))
+
+
+@functools.cache
+def _get_checker() -> Texture:
+    """Return what planes show."""
+    return Texture(np.kron(CHECKER, np.ones((32, 32, 1))).astype(np.uint8), color_space="linear")
+
+
+@functools.lru_cache(maxsize=256)
+def _load_pieces(path: Path, changed: int) -> list[tuple[Mesh, Float64, Texture | None]]:
+    """Return meshes, places and textures of a file; ``changed`` tells its versions apart."""
+    # PyBullet has read the file in this process, too.
+    scene = load(path, crease_angle=0.0, on_damage="warn", isolate=False)
+    up = np.eye(4)
+    if path.suffix.lower() == ".dae" and scene.up == (0.0, 1.0, 0.0):
+        up[1:3, 1:3] = (0.0, -1.0), (1.0, 0.0)
+    pieces = []
+    for node in scene.every_node():
+        mesh = node.mesh
+        if isinstance(mesh, Mesh):
+            bare = Mesh(mesh.vertices, mesh.faces, normals=mesh.normals, uv=mesh.uv)
+            texture = mesh.material.base_color_texture
+            pieces.append((bare, up @ node.world_matrix, texture and _as_codes(texture)))
+    return pieces
+
+
+@functools.lru_cache(maxsize=64)
+def _load_texture(path: Path, changed: int) -> Texture:
+    """Return the texture of a file; ``changed`` tells its versions apart."""
+    return Texture.from_file(path, color_space="linear")
+
+
+def _as_codes(texture: Texture) -> Texture:
+    """Return a texture whose light is what was its code."""
+    codes = np.interp(texture.image[..., :3], decoding_table(), np.arange(256) / 255.0)
+    return Texture(codes, wrap=texture.wrap)
+
+
+def _make_given_mesh(given: GivenMesh) -> Mesh:
+    """Return the mesh of arrays; without normals its faces are flat."""
+    if given.normals is None:
+        return Mesh(given.positions, given.faces, uv=given.uv).split_creases(0.0)
+    return Mesh(given.positions, given.faces, normals=given.normals, uv=given.uv)
+
+
+@functools.lru_cache(maxsize=1024)
+def _make_material(
+    color: tuple[float, ...], texture: Texture | None, is_opaque: bool, gain: float,
+    is_double_sided: bool,
+) -> Material:  # fmt: skip
+    """Return the material of a shape."""
+    *rgb, alpha = np.clip(color, 0.0, 1.0).tolist()
+    is_blended = alpha < 1.0 and not is_opaque
+    # PyBullet multiplies highlights by the colour, here they are white: use its mean.
+    mean = float(np.mean(rgb)) * (1.0 if texture is None else float(texture.image[..., :3].mean()))
+    return Material(
+        "phong", (*rgb, alpha if is_blended else 1.0), specular=gain * mean, shininess=SHININESS,
+        base_color_texture=texture, alpha_mode="blend" if is_blended else "opaque",
+        double_sided=is_double_sided,
+    )  # fmt: skip
