@@ -30,6 +30,7 @@ PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "trimesh", "imageio")
 
 EXTRAS = {
     "formats": EXTRA_MODULES,
+    "cameras": ("yaml",),
     "clouds": ("laspy", "lazrs"),
     "vtk": ("meshio",),
     "robots": ("yourdfpy",),

@@ -177,7 +177,7 @@ def test_doctor_is_healthy_without_compiling():
 MODULES = {
     "imageio[ffmpeg]": "imageio_ffmpeg", "flip-evaluator": "flip_evaluator",
     "pyside6-essentials": "PySide6", "openexr": "OpenEXR", "pycollada": "collada",
-    "dracopy": "DracoPy",
+    "dracopy": "DracoPy", "pyyaml": "yaml",
 }  # fmt: skip
 """Modules that are not called as their package is."""
 
