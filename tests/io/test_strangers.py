@@ -424,6 +424,22 @@ def test_a_library_of_a_dae_in_another_file_is_named(tmp_path):
     assert "instance_geometry of a library in another file, 'other.dae#h' (1)" in said
 
 
+@pytest.mark.parametrize(
+    ("sound", "broken"),
+    [("<source>s</source>", "<source>none</source>"), ('target="#m"', 'target="#none"')],
+)
+def test_faces_of_a_dae_whose_material_refers_to_nothing_are_drawn_without_it(
+    tmp_path, sound, broken
+):
+    pytest.importorskip("collada")
+    picture(tmp_path / "wood.png")
+    path = dae(tmp_path, "wood.png")
+    path.write_text(path.read_text().replace(sound, broken))
+    texture, said = loaded(path)
+    assert texture is None
+    assert "materials of geometry 'g', which are broken (1)" in said
+
+
 def test_animations_of_a_dae_are_named(tmp_path):
     pytest.importorskip("collada")
     picture(tmp_path / "wood.png")

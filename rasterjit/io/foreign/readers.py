@@ -33,7 +33,11 @@ from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.threemf.package import MEMORY_PER_XML_BYTE
 from rasterjit.io.trimesh.resolver import make_resolver, note_trimesh_warnings
 from rasterjit.io.trimesh.scene import TrimeshAdapter
-from rasterjit.io.trimesh.skins import bake_controllers, note_unread_elements
+from rasterjit.io.trimesh.skins import (
+    bake_controllers,
+    note_unread_elements,
+    unbind_broken_materials,
+)
 from rasterjit.io.urdf import RobotRecord, read_urdf
 from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.transforms import compose
@@ -277,23 +281,21 @@ def _load_by_trimesh(file: Path, extension: str, resources: Resources, left_out:
     is_xml = extension in _XML_FORMATS
     memory_per_byte = MEMORY_PER_XML_BYTE if is_xml else _MEMORY_PER_BINARY_BYTE
     resources.budget.take("the file", file.stat().st_size * memory_per_byte)
-    resolver = make_resolver(resources, left_out, extension == "dae")
     try:
         for module in _REQUIRED_MODULES.get(extension, ()):
             import_module(module)
         take_members(file, extension, memory_per_byte, resources.budget)
-        baked = bake_controllers(file, left_out) if extension == "dae" else None
-        with warnings.catch_warnings(), note_trimesh_warnings(left_out):
-            warnings.simplefilter("ignore")
-            # NumPy only warns of a word that is no number, and drops all behind it.
-            warnings.filterwarnings("error", ".*could not be read to its end", DeprecationWarning)
-            options: dict[str, Any] = {"resolver": resolver, "process": False}
-            if baked is not None:
-                return trimesh.load_scene(io.BytesIO(baked), file_type=extension, **options)
-            if extension == "tar.bz2":
-                # trimesh does not unpack .tar.bz2, but finds the compression of .tar.gz itself.
-                options["file_type"] = "tar.gz"
-            return trimesh.load_scene(file, **options)
+        if extension != "dae":
+            return _load_content(file, None, extension, resources, left_out)
+        baked, notes = bake_controllers(file, left_out), LeftOut()
+        loaded = _load_content(file, baked, extension, resources, notes)
+        content = file.read_bytes() if baked is None else baked
+        unbound = unbind_broken_materials(content, loaded.geometry, left_out)
+        if unbound is not None:
+            notes = LeftOut()
+            loaded = _load_content(file, unbound, extension, resources, notes)
+        left_out.extend(notes.entries())
+        return loaded
     except ImportError as error:
         if error.name in _ENCODING_GUESSERS:
             # trimesh tries to guess the encoding of a file that is no text.
@@ -305,3 +307,23 @@ def _load_by_trimesh(file: Path, extension: str, resources: Resources, left_out:
         raise MeshFileError(
             f"{file} could not be read as .{extension}: {reason_of(error)}{hint}"
         ) from error
+
+
+def _load_content(
+    file: Path, content: bytes | None, extension: str, resources: Resources, left_out: LeftOut
+) -> Any:
+    """Return the trimesh scene of a file, or of what stands in its place."""
+    import trimesh
+
+    with warnings.catch_warnings(), note_trimesh_warnings(left_out):
+        warnings.simplefilter("ignore")
+        # NumPy only warns of a word that is no number, and drops all behind it.
+        warnings.filterwarnings("error", ".*could not be read to its end", DeprecationWarning)
+        resolver = make_resolver(resources, left_out, extension == "dae")
+        options: dict[str, Any] = {"resolver": resolver, "process": False}
+        if content is not None:
+            return trimesh.load_scene(io.BytesIO(content), file_type=extension, **options)
+        if extension == "tar.bz2":
+            # trimesh does not unpack .tar.bz2, but finds the compression of .tar.gz itself.
+            options["file_type"] = "tar.gz"
+        return trimesh.load_scene(file, **options)

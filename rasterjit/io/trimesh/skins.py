@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 import zipfile
+from collections.abc import Container
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut
-from rasterjit.io.resources import quote_name
+from rasterjit.io.resources import MAX_NAME_LENGTH, quote_name
 from rasterjit.scene.transforms import compose, rotate, scale, translate
 
 SKINNED = "skinned or morphed geometry"
@@ -78,6 +79,55 @@ def _note_collada(root: ElementTree.Element, left_out: LeftOut) -> None:
     for element in root.iter():
         if _strip_name_space(element) == "float_array" and not _are_finite(element.text or ""):
             left_out.note("faces at vertices that are no finite numbers, if any")
+
+
+_FACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
+"""Elements of a COLLADA geometry that hold faces."""
+
+
+def unbind_broken_materials(
+    content: bytes, read: Container[str], left_out: LeftOut
+) -> bytes | None:
+    """
+    Remove the materials of geometries of a COLLADA file that were not read for their sake.
+
+    A material that refers to nothing, such as a picture that is not declared, makes the reader
+    pass over all faces that it is bound to.
+
+    Parameters
+    ----------
+    content : bytes
+    read : container of str
+        Names of the geometries that were read.
+    left_out : LeftOut
+        Notes the materials.
+
+    Returns
+    -------
+    bytes or None
+        None if no such geometry was passed over.
+    """
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError:
+        return None
+    with_faces = {
+        element.get("id", "")
+        for element in root.iter()
+        if _strip_name_space(element) == "geometry"
+        and any(_strip_name_space(one) in _FACES for one in element.iter())
+    }
+    count = 0
+    for instance in root.iter():
+        name = instance.get("url", "")[1:]
+        if _strip_name_space(instance) != "instance_geometry" or name not in with_faces:
+            continue
+        bound = [one for one in instance if _strip_name_space(one) == "bind_material"]
+        if bound and name not in read:
+            left_out.note(f"materials of geometry {name[:MAX_NAME_LENGTH]!r}, which are broken")
+            instance[:] = [one for one in instance if one not in bound]
+            count += 1
+    return ElementTree.tostring(root) if count else None
 
 
 def _are_finite(text: str) -> bool:
