@@ -386,13 +386,14 @@ class Joints(Guarded, Mapping[str, Joint]):
             columns = [
                 finite_array(f"poses of joint {name!r}", poses[name], (None,)) for name in names
             ]
+            count = len(columns[0]) if columns else 1
         else:
             names = self.free
-            columns = list(finite_array("poses", poses, (None, len(names))).T)
-        counts = {len(column) for column in columns}
+            rows = finite_array("poses", poses, (None, len(names)))
+            columns, count = list(rows.T), len(rows)
+        counts = sorted({len(column) for column in columns})
         if len(counts) > 1:
-            raise ValueError(f"poses must have as many values for each joint, got {sorted(counts)}")
-        count = counts.pop() if counts else len(poses)
+            raise ValueError(f"poses must have as many values for each joint, got {counts}")
         # Where each joint's node stands below its parent, (N, 4, 4); followers after leaders.
         moved: dict[int, Float64] = {}
         joints = [(self._joints[name], column) for name, column in zip(names, columns, strict=True)]

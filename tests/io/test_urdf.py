@@ -92,6 +92,8 @@ def test_a_batch_of_poses_is_the_pictures_of_moved_joints_bit_for_bit(tmp_path):
         np.testing.assert_array_equal(batch.color[number], frame.color)
     named = scene.joints.transforms({"open": poses[:, 0]})
     np.testing.assert_array_equal(named, transforms)
+    still = load(tmp_path, link("a")).joints
+    assert still.transforms(np.empty((5, 0))).shape == (5, 1, 4, 4)
 
 
 def test_mimic_joints_follow_in_their_own_unit_and_cannot_be_moved(tmp_path):
