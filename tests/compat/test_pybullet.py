@@ -101,6 +101,15 @@ def test_models_are_as_in_the_original(model, scale, round_shapes):
     assert (draw(flags=pybullet.ER_NO_SEGMENTATION_MASK)[4] == -1).all()
 
 
+def test_shapes_of_mjcf_files_and_single_rigid_bodies_stand_where_the_original_has_them():
+    pybullet.loadMJCF("mjcf/ant.xml")
+    pybullet.loadURDF("cube.urdf", [0, 2, 0.5], useMaximalCoordinates=True)
+    theirs, ours = (draw(function=one, flags=LINKS) for one in (THEIRS, getCameraImage))
+    edges = near_edges(theirs[4]) | near_edges(ours[4])
+    assert len(np.unique(ours[4])) > 10
+    assert not ((theirs[4] != ours[4]) & ~edges).any()
+
+
 def test_depth_is_that_of_a_depth_buffer():
     add()
     near, far = 0.1, 20.0

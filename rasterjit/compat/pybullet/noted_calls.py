@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 import pybullet
@@ -49,6 +50,9 @@ class Notes:
         """Texture given to a body's link and shape; -1 for all shapes of the link."""
         self.flags: dict[tuple[int, int, int], int] = {}
         """Flags, likewise."""
+        self.ends: dict[int, dict[str, list[NDArray[np.float64] | None]]] = {}
+        """Of bodies of MJCF files, by the names of links: the two ends of each shape, (2, 3), or
+        None for one that has a pose."""
         self.version = 0
         """Counts what may change pictures of bodies that are drawn already."""
 
@@ -60,6 +64,9 @@ class Notes:
                 del table[key]
         if body is None:
             self.shapes.clear()
+            self.ends.clear()
+        else:
+            self.ends.pop(body, None)
         self.version += 1
 
     def find_file(self, name: str) -> Path:
@@ -162,6 +169,29 @@ def _note_end(_notes: Notes, given: Mapping[str, Any], _: Any) -> None:
     NOTES.pop(int(given.get("physicsClientId", 0)), None)
 
 
+def _note_mjcf(notes: Notes, given: Mapping[str, Any], result: Any) -> None:
+    ends = _read_ends(notes.find_file(given["mjcfFileName"]))
+    notes.ends.update({body: ends for body in result or ()})
+    notes.version += 1
+
+
+def _read_ends(path: Path) -> dict[str, list[NDArray[np.float64] | None]]:
+    """Return the ends of the geoms of each body of an MJCF file, by its name; twice given: none."""
+    found: dict[str, list[NDArray[np.float64] | None]] = {}
+    try:
+        bodies = [*ElementTree.parse(path).iter("body")]
+    except (OSError, ElementTree.ParseError):
+        return found
+    for body in bodies:
+        ends: list[NDArray[np.float64] | None] = []
+        for geom in body.findall("geom"):
+            words = geom.get("fromto", "").split()
+            ends.append(np.array(words, np.float64).reshape(2, 3) if len(words) == 6 else None)
+        name = body.get("name", "")
+        found[name] = [] if name in found else ends
+    return found
+
+
 def _get_given_mesh(given: Mapping[str, Any]) -> GivenMesh | None:
     """Return the mesh that arguments give as vertices, if they do."""
     if not len(given.get("vertices", ())):
@@ -195,6 +225,7 @@ NOTED: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
         "linkParentIndices", "linkJointTypes", "linkJointAxis", "useMaximalCoordinates", "flags",
         "batchPositions", "physicsClientId",
     )),
+    "loadMJCF": (_note_mjcf, ("mjcfFileName", "flags", "physicsClientId")),
     "removeBody": (_note_removal, ("bodyUniqueId", "physicsClientId")),
     "resetSimulation": (_note_reset, ("flags", "physicsClientId")),
     "disconnect": (_note_end, ("physicsClientId",)),

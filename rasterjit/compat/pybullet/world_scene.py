@@ -39,8 +39,8 @@ BASE = -1
 LINK_SHIFT = 24
 """Bit of a segmentation's value from which on it counts links."""
 
-SOFT_BODY = 3
-"""Type of a soft body in ``getDynamicsInfo``."""
+RIGID_BODY, SOFT_BODY = 1, 3
+"""Types of bodies in ``getDynamicsInfo``: of maximal coordinates, and soft ones."""
 
 SHADOW_SHARE = 0.2
 """Share of the light that a shadow takes, as TinyRenderer has it."""
@@ -216,7 +216,9 @@ class WorldScene(Scene):
         shapes, (is_opaque, gain), _ = key
         info = pybullet.getDynamicsInfo(number, BASE, physicsClientId=self._client)
         # Bodies are told by their centre of mass; shapes lie in the frame of the base.
-        from_center = np.linalg.inv(_make_poses(np.array([(*info[3], *info[4])]))[0])
+        from_center = np.eye(4)
+        if info[10] != RIGID_BODY:
+            from_center = np.linalg.inv(_make_poses(np.array([(*info[3], *info[4])]))[0])
         is_soft = info[10] == SOFT_BODY
         parts, counts = list[Part](), dict[int, int]()
         for shape in shapes:
@@ -229,7 +231,13 @@ class WorldScene(Scene):
             except ValueError as error:
                 missing.append(str(error))
                 continue
+            ends = self._find_ends(shape, index, sum(one[1] == link for one in shapes))
+            if isinstance(ends, str):
+                missing.append(ends)
+                continue
             local = _make_poses(np.array([(*shape[5], *shape[6])]))[0]
+            if ends is not None:
+                local = _make_pose_between(*ends)
             if link == BASE:
                 local = from_center @ local
             if is_soft:
@@ -251,6 +259,25 @@ class WorldScene(Scene):
                 parts.append(Part(shown, local @ matrix, link))
         links = sorted({part.link for part in parts} - {BASE})
         return Body(key, parts, [Node(part.mesh) for part in parts], links, is_soft)
+
+    def _find_ends(self, shape: Any, index: int, count: int) -> Float64 | str | None:
+        """Return the ends of a shape, (2, 3), None for one with a pose, or the name of what lacks."""
+        number, link, kind = shape[:3]
+        has_pose = any(shape[5]) or tuple(shape[6]) != (0.0, 0.0, 0.0, 1.0)
+        if kind not in (pybullet.GEOM_CAPSULE, pybullet.GEOM_CYLINDER) or has_pose:
+            return None
+        by_link = self._notes.ends.get(number)
+        if by_link is None:
+            return None
+        client = self._client
+        if link == BASE:
+            name = pybullet.getBodyInfo(number, physicsClientId=client)[0]
+        else:
+            name = pybullet.getJointInfo(number, link, physicsClientId=client)[12]
+        ends = by_link.get(name.decode(), [])
+        if len(ends) != count:
+            return f"capsules and cylinders of {name.decode()}, which PyBullet tells no place of"
+        return ends[index]
 
     def _find_pieces(self, shape: Any, index: int) -> list[tuple[Mesh, Float64, Texture | None]]:
         """Return meshes, their places and textures of a visual shape; or raise ``ValueError``."""
@@ -282,14 +309,9 @@ class WorldScene(Scene):
         noted = self._notes.shapes.get(self._notes.bodies.get((number, link), -1), [])
         given = noted[index][0] if index < len(noted) else None
         if given is None:
-            count, points = pybullet.getMeshData(number, link, physicsClientId=self._client)
-            if not count:
-                raise ValueError(
-                    "meshes that were made of vertices before the import of "
-                    "rasterjit.compat.pybullet"
-                )
-            given = GivenMesh(np.array(points), np.arange(count).reshape(-1, 3), None, None)
-            scale = np.eye(4)
+            raise ValueError(
+                "meshes that were made of vertices before the import of rasterjit.compat.pybullet"
+            )
         return [(_make_given_mesh(given), scale, None)]
 
     def _find_texture(self, number: int, link: int, index: int) -> Texture | bool | None:
@@ -361,6 +383,17 @@ def _make_poses(frames: Float64) -> Float64:
     poses[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
     poses[:, :3, 3], poses[:, 3, 3] = frames[:, :3], 1.0
     return poses
+
+
+def _make_pose_between(start: Float64, end: Float64) -> Float64:
+    """Return a pose in the middle of two points, (4, 4), whose z axis leads to the second."""
+    pose = np.eye(4)
+    along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-12)
+    across = np.cross(np.eye(3)[np.abs(along).argmin()], along)
+    across /= np.linalg.norm(across)
+    pose[:3, :3] = np.stack([across, np.cross(along, across), along], axis=1)
+    pose[:3, 3] = 0.5 * (start + end)
+    return pose
 
 
 # Meshes, textures and materials.
