@@ -261,7 +261,7 @@ class WorldScene(Scene):
         return Body(key, parts, [Node(part.mesh) for part in parts], links, is_soft)
 
     def _find_ends(self, shape: Any, index: int, count: int) -> Float64 | str | None:
-        """Return the ends of a shape, (2, 3), None for one with a pose, or the name of what lacks."""
+        """Return the ends of a shape, (2, 3), None if it has a pose, or the name of what lacks."""
         number, link, kind = shape[:3]
         has_pose = any(shape[5]) or tuple(shape[6]) != (0.0, 0.0, 0.0, 1.0)
         if kind not in (pybullet.GEOM_CAPSULE, pybullet.GEOM_CYLINDER) or has_pose:
