@@ -112,7 +112,7 @@ def getCameraImage(  # noqa: N802
     scene = _scenes.get(client)
     if scene is None or not scene.is_current:
         scene = _scenes[client] = WorldScene(client)
-    scene.follow(light, is_opaque=is_tiny, shadow_size=4 * max(size))
+    scene.follow(light, is_opaque=is_tiny)
     if flags & pybullet.ER_USE_PROJECTIVE_TEXTURE:
         scene.warn(["projective textures"])
     return *size, *_draw(scene, view, clip, size, is_tiny, flags)

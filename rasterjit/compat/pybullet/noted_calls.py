@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -13,6 +14,10 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+CHANGE_NAMES = (
+    "objectUniqueId", "linkIndex", "shapeIndex", "textureUniqueId", "rgbaColor", "specularColor",
+    "flags", "physicsClientId",
+)  # fmt: skip
 SHAPE_NAMES = (
     "shapeType", "radius", "halfExtents", "length", "fileName", "meshScale", "planeNormal",
     "flags", "rgbaColor", "specularColor", "visualFramePosition", "visualFrameOrientation",
@@ -117,8 +122,9 @@ def _note_texture(notes: Notes, given: Mapping[str, Any], number: int) -> None:
 
 
 def _note_texels(notes: Notes, given: Mapping[str, Any], _: Any) -> None:
-    texels = np.array(given["pixels"], np.uint8)
-    notes.textures[given["textureUniqueId"]] = texels.reshape(given["height"], given["width"], 3)
+    shape = given["height"], given["width"], 3
+    texels = np.array([*given["pixels"]][: math.prod(shape)], np.uint8)
+    notes.textures[given["textureUniqueId"]] = texels.reshape(shape)
     notes.version += 1
 
 
@@ -211,10 +217,8 @@ NOTED: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "changeTexture": (_note_texels, (
         "textureUniqueId", "pixels", "width", "height", "physicsClientId",
     )),
-    "changeVisualShape": (_note_change, (
-        "objectUniqueId", "linkIndex", "shapeIndex", "textureUniqueId", "rgbaColor",
-        "specularColor", "flags", "physicsClientId",
-    )),
+    "changeVisualShape": (_note_change, CHANGE_NAMES),
+    "resetVisualShapeData": (_note_change, CHANGE_NAMES),
     "createVisualShape": (_note_shape, SHAPE_NAMES),
     "createVisualShapeArray": (_note_shapes, SHAPE_ARRAY_NAMES),
     "createMultiBody": (_note_bodies, (

@@ -45,8 +45,8 @@ RIGID_BODY, SOFT_BODY = 1, 3
 SHADOW_SHARE = 0.2
 """Share of the light that a shadow takes, as TinyRenderer has it."""
 
-MAX_SHADOW_TEXELS = 1024
-"""Largest side of a shadow map, which is fitted to the view."""
+SHADOW_TEXELS = 2048
+"""Side of a shadow map, which covers what is seen: mostly a floor up to the far plane."""
 
 SHININESS = 2.0
 """Exponent of highlights."""
@@ -122,7 +122,7 @@ class WorldScene(Scene):
         self._light: Any = None
         self._warned: set[str] = set()
 
-    def follow(self, light: LightSettings, is_opaque: bool, shadow_size: int) -> None:
+    def follow(self, light: LightSettings, is_opaque: bool) -> None:
         """
         Update nodes and light to the world as it is.
 
@@ -131,9 +131,8 @@ class WorldScene(Scene):
         light : LightSettings
         is_opaque : bool
             Whether nothing is seen through.
-        shadow_size : int, texels
         """
-        self._set_light(light, min(MAX_SHADOW_TEXELS, shadow_size))
+        self._set_light(light)
         # Highlights follow one ratio of the specular to the diffuse light.
         look = is_opaque, light.specular / max(light.diffuse, 1e-6)
         client, bodies, missing = self._client, dict[int, Body](), list[str]()
@@ -339,17 +338,16 @@ class WorldScene(Scene):
 
     # Light.
 
-    def _set_light(self, light: LightSettings, shadow_size: int) -> None:
+    def _set_light(self, light: LightSettings) -> None:
         """Set the lights, if they have changed."""
-        if (light, shadow_size) == self._light:
+        if light == self._light:
             return
-        self._light = light, shadow_size
+        self._light = light
         down = [-part for part in light.direction]
         strength = max(light.diffuse, 1e-6)
         shares: list[tuple[float, Shadow | None]] = [(1.0, None)]
         if light.has_shadow:
-            shadow = Shadow(size=shadow_size)
-            shares = [(1.0 - SHADOW_SHARE, None), (SHADOW_SHARE, shadow)]
+            shares = [(1.0 - SHADOW_SHARE, None), (SHADOW_SHARE, Shadow(size=SHADOW_TEXELS))]
         brightest = max(1.0, *light.color)
         color = [part / brightest for part in light.color]
         self.lights[:] = [
