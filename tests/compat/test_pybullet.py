@@ -229,6 +229,26 @@ def test_meshes_of_vertices_and_planes_are_drawn_as_in_the_original():
     assert np.abs(theirs[2].astype(int) - ours[2])[~edges].mean() < 6.0
 
 
+def test_height_fields_are_as_in_the_original():
+    heights = np.random.default_rng(0).uniform(-0.2, 0.3, 9 * 5)
+    options = {"numHeightfieldRows": 5, "numHeightfieldColumns": 9, "meshScale": [0.5, 0.25, 1]}
+    shape = pybullet.createCollisionShape(
+        pybullet.GEOM_HEIGHTFIELD, heightfieldData=heights.tolist(), **options
+    )
+    pybullet.createMultiBody(0, shape)
+    theirs, ours = (draw(function=one) for one in (THEIRS, getCameraImage))
+    edges = near_edges(theirs[4]) | near_edges(ours[4])
+    assert (ours[4] == 0).sum() > 2000
+    assert not ((theirs[4] != ours[4]) & ~edges).any()
+    assert np.quantile(np.abs(theirs[3] - ours[3])[~edges], 0.99) < 1e-5
+    assert np.abs(theirs[2].astype(int) - ours[2])[~edges].mean() < 6.0
+    pybullet.createCollisionShape(
+        pybullet.GEOM_HEIGHTFIELD, heightfieldData=(2 * heights).tolist(),
+        replaceHeightfieldIndex=shape, **options,
+    )  # fmt: skip
+    assert (draw()[3] != ours[3]).sum() > 1000
+
+
 def test_glass_is_seen_through_unless_tiny_renderer_is_asked_for():
     add(color=(0, 0, 1, 1))
     add(position=(0, 0, 1), color=(1, 0, 0, 0.5), halfExtents=[0.3, 0.3, 0.1])
@@ -242,13 +262,12 @@ def test_glass_is_seen_through_unless_tiny_renderer_is_asked_for():
 def test_what_is_not_drawn_is_named_once():
     camera = matrices(**ABOVE)
     shape = pybullet.createCollisionShape(
-        pybullet.GEOM_HEIGHTFIELD, meshScale=[1, 1, 1], heightfieldData=[0.0] * 16,
-        numHeightfieldRows=4, numHeightfieldColumns=4,
-    )  # fmt: skip
+        pybullet.GEOM_HEIGHTFIELD, fileName="heightmaps/ground0.txt", meshScale=[1, 1, 1]
+    )
     pybullet.createMultiBody(0, shape)
     body = add()
     pybullet.changeVisualShape(body, -1, textureUniqueId=12345)
-    with pytest.warns(UserWarning, match="not drawn: height fields, texture 12345"):
+    with pytest.warns(UserWarning, match="not drawn: height fields of files.*, texture 12345"):
         draw(camera)
     with pytest.warns(UserWarning, match="projective textures"):
         draw(camera, flags=pybullet.ER_USE_PROJECTIVE_TEXTURE)

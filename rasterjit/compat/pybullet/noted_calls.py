@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +14,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
+
+from rasterjit.compat.unit_shapes import make_grid_faces
 
 CHANGE_NAMES = (
     "objectUniqueId", "linkIndex", "shapeIndex", "textureUniqueId", "rgbaColor", "specularColor",
@@ -49,6 +52,10 @@ class Notes:
         """By unique id: the path of a file, or an (H, W, 3) uint8 array."""
         self.shapes: dict[int, list[tuple[GivenMesh | None, int]]] = {}
         """By unique id of a visual shape: mesh and flags of each of its parts."""
+        self.fields: dict[int, GivenMesh] = {}
+        """Height fields by the unique id of their collision shapes."""
+        self.field_bodies: dict[int, int] = {}
+        """Unique id of the collision shape of a body's base."""
         self.bodies: dict[tuple[int, int], int] = {}
         """Unique id of the visual shape of a body's link."""
         self.overrides: dict[tuple[int, int, int], int] = {}
@@ -59,7 +66,9 @@ class Notes:
         """Of bodies of MJCF files, by the names of links: the two ends of each shape, (2, 3), or
         None for one that has a pose."""
         self.version = 0
-        """Counts what may change pictures of bodies that are drawn already."""
+        """Counts what may change pictures of all bodies that are drawn already."""
+        self.versions = Counter[int]()
+        """Likewise, of single bodies."""
 
     def forget_bodies(self, body: int | None = None) -> None:
         """Forget one body, or all and the shapes that they were made of."""
@@ -68,11 +77,13 @@ class Notes:
             for key in [key for key in table if body is None or key[0] == body]:
                 del table[key]
         if body is None:
-            self.shapes.clear()
-            self.ends.clear()
+            for all_of in (self.shapes, self.fields, self.field_bodies, self.ends):
+                all_of.clear()
+            self.version += 1
         else:
             self.ends.pop(body, None)
-        self.version += 1
+            self.field_bodies.pop(body, None)
+            self.versions[body] += 1
 
     def find_file(self, name: str) -> Path:
         """Return the path of a file that PyBullet read by this name."""
@@ -136,7 +147,7 @@ def _note_change(notes: Notes, given: Mapping[str, Any], _: Any) -> None:
             for key in [key for key in table if place[2] < 0 and key[:2] == place[:2]]:
                 del table[key]
             table[place] = given[name]
-            notes.version += 1
+            notes.versions[place[0]] += 1
 
 
 def _note_shape(notes: Notes, given: Mapping[str, Any], number: int) -> None:
@@ -155,11 +166,30 @@ def _note_shapes(notes: Notes, given: Mapping[str, Any], number: int) -> None:
     notes.shapes[number] = parts
 
 
+def _note_field(notes: Notes, given: Mapping[str, Any], number: int) -> None:
+    heights = np.array([*given.get("heightfieldData", ())], np.float64)
+    if not heights.size:
+        return
+    columns, rows = int(given["numHeightfieldRows"]), int(given["numHeightfieldColumns"])
+    share_x, share_y = np.meshgrid(np.linspace(0.0, 1.0, columns), np.linspace(0.0, 1.0, rows))
+    # The middle between the lowest and the highest point is at 0.
+    z = heights[: rows * columns] - 0.5 * (heights.min() + heights.max())
+    x, y = (share_x - 0.5) * (columns - 1), (share_y - 0.5) * (rows - 1)
+    positions = np.stack([x.ravel(), y.ravel(), z], axis=1) * given.get("meshScale", (1, 1, 1))
+    uv = np.stack([1.0 - share_x.ravel(), 1.0 - share_y.ravel()], axis=1)
+    faces = make_grid_faces(rows, columns)
+    replaced = given.get("replaceHeightfieldIndex", -1)
+    notes.fields[number if replaced < 0 else replaced] = GivenMesh(positions, faces, None, uv)
+    notes.version += 1
+
+
 def _note_bodies(notes: Notes, given: Mapping[str, Any], result: Any) -> None:
+    base = given.get("baseCollisionShapeIndex", -1)
     shapes = given.get("baseVisualShapeIndex", -1), *given.get("linkVisualShapeIndices", ())
     for body in result if isinstance(result, tuple) else (result,):
+        notes.field_bodies[body] = base
+        notes.versions[body] += 1
         notes.bodies.update({(body, link - 1): shape for link, shape in enumerate(shapes)})
-    notes.version += 1
 
 
 def _note_removal(notes: Notes, given: Mapping[str, Any], _: Any) -> None:
@@ -178,7 +208,7 @@ def _note_end(_notes: Notes, given: Mapping[str, Any], _: Any) -> None:
 def _note_mjcf(notes: Notes, given: Mapping[str, Any], result: Any) -> None:
     ends = _read_ends(notes.find_file(given["mjcfFileName"]))
     notes.ends.update({body: ends for body in result or ()})
-    notes.version += 1
+    notes.versions.update(result or ())
 
 
 def _read_ends(path: Path) -> dict[str, list[NDArray[np.float64] | None]]:
@@ -221,6 +251,12 @@ NOTED: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "resetVisualShapeData": (_note_change, CHANGE_NAMES),
     "createVisualShape": (_note_shape, SHAPE_NAMES),
     "createVisualShapeArray": (_note_shapes, SHAPE_ARRAY_NAMES),
+    "createCollisionShape": (_note_field, (
+        "shapeType", "radius", "halfExtents", "height", "fileName", "meshScale", "planeNormal",
+        "flags", "collisionFramePosition", "collisionFrameOrientation", "vertices", "indices",
+        "heightfieldTextureScaling", "heightfieldData", "numHeightfieldRows",
+        "numHeightfieldColumns", "replaceHeightfieldIndex", "physicsClientId",
+    )),
     "createMultiBody": (_note_bodies, (
         "baseMass", "baseCollisionShapeIndex", "baseVisualShapeIndex", "basePosition",
         "baseOrientation", "baseInertialFramePosition", "baseInertialFrameOrientation",

@@ -139,7 +139,7 @@ class WorldScene(Scene):
         for n in range(pybullet.getNumBodies(physicsClientId=client)):
             number = pybullet.getBodyUniqueId(n, physicsClientId=client)
             shapes = pybullet.getVisualShapeData(number, 1, physicsClientId=client)
-            key = shapes, look, self._notes.version
+            key = shapes, look, (self._notes.version, self._notes.versions[number])
             body = self._bodies.get(number)
             if body is None or body.key != key:
                 body = self._make_body(number, key, missing)
@@ -290,10 +290,13 @@ class WorldScene(Scene):
             return [(_get_tube(size[1], size[0], is_capsule), np.eye(4), None)]
         if kind == pybullet.GEOM_PLANE:
             return [(_get_plane(), np.eye(4), _get_checker())]
+        if kind == pybullet.GEOM_HEIGHTFIELD:
+            field = self._notes.fields.get(self._notes.field_bodies.get(number, -1))
+            if field is None:
+                raise ValueError("height fields of files, or made before the import")
+            return [(_make_given_mesh(field), np.eye(4), _get_checker())]
         if kind != pybullet.GEOM_MESH:
-            raise ValueError(
-                "height fields" if kind == pybullet.GEOM_HEIGHTFIELD else f"shapes of type {kind}"
-            )
+            raise ValueError(f"shapes of type {kind}")
         scale = np.diag([*size, 1.0])
         file = name.decode(errors="surrogateescape")
         if file and file != "unknown_file":
