@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 import time
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,6 +31,7 @@ from rasterjit.scene.environment import Environment, Panorama
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, Shadow
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.warning import silence_warnings
 from rasterjit.survey.effect import with_field
 from rasterjit.survey.material_features import with_materials
 
@@ -309,9 +309,8 @@ def measure_occlusion(scene: Scene, positions: Float64, normals: Float64, radius
                 )
             )  # fmt: skip
             cosines.append((float(up @ normal), float(toward @ normal)))
-    with warnings.catch_warnings():
-        # Cameras are inside objects and cut distant ones off, on purpose.
-        warnings.simplefilter("ignore", ViewWarning)
+    # Cameras are inside objects and cut distant ones off, on purpose.
+    with silence_warnings(ViewWarning):
         size = CUBE_MAP_SIDE, CUBE_MAP_SIDE
         distances = render_batch(scene, cameras, size=size, outputs=("distance",)).distance
     centers = (np.arange(CUBE_MAP_SIDE) + 0.5) * (2.0 / CUBE_MAP_SIDE) - 1.0

@@ -7,7 +7,6 @@ import os
 import sys
 import tempfile
 import time
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -249,6 +248,7 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOp
     from rasterjit.cli.warmup import list_first_tasks
     from rasterjit.rendering.view_warnings import ViewWarning, warnings_of_frame
     from rasterjit.runtime.background_compile import compile_in_background
+    from rasterjit.scene.warning import silence_warnings
 
     quiet, start = asked.quiet, time.perf_counter()
     options: dict[str, Any] = {
@@ -259,10 +259,9 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOp
         report.show_spinner(f"Rendering {file.name}", quiet) as line,
         report.show_compile_progress(quiet, line),
         compile_in_background(list_first_tasks, asked.threads, at_once=True),
-        warnings.catch_warnings(),
-    ):
         # Said below, as lines.
-        warnings.simplefilter("ignore", ViewWarning)
+        silence_warnings(ViewWarning),
+    ):
         scene = moment.apply(load_scene(file, look, effects, quiet), file)
         camera = view.camera(scene, size)
         loaded = time.perf_counter()

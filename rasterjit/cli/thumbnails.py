@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import pickle
 import time
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,12 +148,12 @@ def _draw_file(
     """Draw a file; return its warnings."""
     from rasterjit.io import images
     from rasterjit.rendering.view_warnings import ViewWarning, warnings_of_frame
+    from rasterjit.scene.warning import silence_warnings
 
     view, look, effects, _ = shown
     scene = load_scene(file, look.of_folder(), effects, quiet)
-    with warnings.catch_warnings():
-        # Said of each file, as lines.
-        warnings.simplefilter("ignore", ViewWarning)
+    # Said of each file, as lines.
+    with silence_warnings(ViewWarning):
         made = apply_style(scene, view.camera(scene, renderer.size), look, effects)
         drawn = made.options(renderer.size, **options)
         renderer.quality = drawn.pop("quality")

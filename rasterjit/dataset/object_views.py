@@ -9,9 +9,7 @@ but only in a window around the object, and many views at once.
 from __future__ import annotations
 
 import copy
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -36,7 +34,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import brief, finite_number, positive_number
-from rasterjit.scene.warning import REPEATED, silence_warnings, warn_caller
+from rasterjit.scene.warning import REPEATED, gather_warnings, silence_warnings, warn_caller
 
 Box = tuple[int, int, int, int]
 """Left column, top row, width and height, pixels."""
@@ -277,12 +275,13 @@ class _Drawer:
         given: NDArray[np.float64] | None,
     ) -> Iterator[LabelledView]:  # fmt: skip
         """Yield a group of views, the first of which has the number ``start``."""
-        with self._number_warnings(start):
+        with gather_warnings() as gathered:
             batch = render_batch(
                 self.scene, cameras, size=self.size, outputs=("color", "depth", "object_id"),
                 quality=self.quality, background=self.background, transforms=given,
                 threads=self.threads,
             )  # fmt: skip
+        self._warn(gathered, start)
         places = compose_with_posed(given, self.scene)
         if places is None:
             standing = np.stack([node.world_matrix for node in self.scene.nodes])
@@ -308,19 +307,15 @@ class _Drawer:
                 ),
             )  # fmt: skip
 
-    @contextmanager
-    def _number_warnings(self, start: int) -> Iterator[None]:
+    def _warn(self, gathered: list[Warning], start: int) -> None:
         """Issue warnings of a group once, with the numbers of its cameras among all."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            yield
-        for warning in caught:
-            text, camera, number = str(warning.message).partition("(cameras[")
+        for warning in gathered:
+            text, camera, number = str(warning).partition("(cameras[")
             if text not in self.told:
                 self.told.add(text)
                 if camera:
                     text += f"{camera}{start + int(number.rstrip('])'))}])"
-                warn_caller(text, warning.category)
+                warn_caller(text, type(warning))
 
     # Silhouettes.
 

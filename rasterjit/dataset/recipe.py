@@ -9,7 +9,6 @@ import os
 import random
 import shutil
 import uuid
-import warnings
 from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -49,6 +48,7 @@ from rasterjit.scene.validation import (
     triple,
     whole_number,
 )
+from rasterjit.scene.warning import gather_warnings, warn_caller
 
 Layout: TypeAlias = Literal["sphere", "random", "ring"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
@@ -343,9 +343,7 @@ def render_mesh_file(
         If a file cannot be written.
     """
     failure = None
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("ignore")
-        warnings.simplefilter("always", UserWarning)
+    with gather_warnings() as gathered:
         try:
             with atomic_folder(output, name) as folder:
                 with _as_mesh_error(source, name):
@@ -357,7 +355,7 @@ def render_mesh_file(
         except MeshError as error:
             failure = str(error)
     # Replace the path, so that messages do not depend on where the meshes are.
-    messages = (_unwrap(warning.message).replace(str(source), name) for warning in caught)
+    messages = (_unwrap(warning).replace(str(source), name) for warning in gathered)
     return MeshResult(failure, tuple(dict.fromkeys(messages)))
 
 
@@ -487,12 +485,10 @@ def _check_arguments(scene: Any, folder: Any, recipe: Any, name: Any, check: Any
 
 def _take_frame(frames: Iterator[Frame], view: int) -> Frame:
     """Return the next frame; put the number of the view in front of its warnings."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with gather_warnings() as gathered:
         frame = next(frames)
-    for warning in caught:
-        prefix = f"view {view}: " if issubclass(warning.category, ViewWarning) else ""
-        warnings.warn(f"{prefix}{warning.message}", warning.category, stacklevel=3)
+    for one in gathered:
+        warn_caller(ViewWarning(f"view {view}: {one}") if isinstance(one, ViewWarning) else one)
     return frame
 
 

@@ -17,17 +17,35 @@ REPEATED = "warnings of each frame"
 REPAIRED_NORMALS = "normals of length 0 of a mesh"
 """Kind of warnings about repaired normals, issued once for each mesh."""
 
-_SILENCED_KINDS: ContextVar[frozenset[str]] = ContextVar("_SILENCED_KINDS", default=frozenset())
+_SILENCED_KINDS: ContextVar[frozenset[str | type[Warning]]] = ContextVar(
+    "_SILENCED_KINDS", default=frozenset()
+)
+_GATHERED: ContextVar[list[Warning] | None] = ContextVar("_GATHERED", default=None)
 
 
 @contextmanager
-def silence_warnings(kind: str) -> Iterator[None]:
-    """Suppress warnings of a kind inside a block that reports the same itself."""
+def silence_warnings(kind: str | type[Warning]) -> Iterator[None]:
+    """Suppress warnings of a kind or category in a block of a thread that reports the same."""
     token = _SILENCED_KINDS.set(_SILENCED_KINDS.get() | {kind})
     try:
         yield
     finally:
         _SILENCED_KINDS.reset(token)
+
+
+@contextmanager
+def gather_warnings() -> Iterator[list[Warning]]:
+    """
+    Collect what `warn_caller` is given in a block of a thread, and issue none of it.
+
+    `warnings.catch_warnings` changes what all threads of a program see.
+    """
+    gathered: list[Warning] = []
+    token = _GATHERED.set(gathered)
+    try:
+        yield gathered
+    finally:
+        _GATHERED.reset(token)
 
 
 def warn_caller(
@@ -44,7 +62,11 @@ def warn_caller(
     kind : str
         Kind for `silence_warnings`. Default: never suppressed.
     """
-    if kind in _SILENCED_KINDS.get():
+    if not _SILENCED_KINDS.get().isdisjoint((kind, category)):
+        return
+    gathered = _GATHERED.get()
+    if gathered is not None:
+        gathered.append(message if isinstance(message, Warning) else category(message))
         return
     level, outermost = 1, 1
     frame: FrameType | None = sys._getframe()

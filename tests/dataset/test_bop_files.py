@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import warnings
 from pathlib import Path
 
@@ -383,10 +384,24 @@ def test_warnings_name_the_camera_among_all(monkeypatch):
     scene.add(quad(), rj.transforms.translate((0, 0, 20)))
     away = rj.cameras.from_opencv(K, SIZE, translation=(0, 0, -40))
     cameras = [CAMERA, CAMERA, CAMERA, away, away]
-    with pytest.warns(rj.ViewWarning) as caught:
+
+    # Meanwhile another thread warns.
+    def draw(*arguments, **options):
+        thread = threading.Thread(target=warnings.warn, args=("beside",))
+        thread.start()
+        thread.join()
+        beside.append("beside")
+        return rj.render_batch(*arguments, **options)
+
+    beside = []
+    monkeypatch.setattr(object_views, "render_batch", draw)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         views = [*render_objects(scene, cameras, size=SIZE)]
-    assert [str(one.message).partition("(")[2] for one in caught] == ["cameras[3])"]
-    assert caught[0].filename == __file__
+    own = [one for one in caught if one.category is rj.ViewWarning]
+    assert [str(one.message).partition("(")[2] for one in own] == ["cameras[3])"]
+    assert own[0].filename == __file__
+    assert [str(one.message) for one in caught if one not in own] == beside
     assert [view.objects[0].area > 0 for view in views] == [True, True, True, False, False]
 
 

@@ -3,7 +3,6 @@
 import errno
 import json
 import shutil
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from rasterjit.io.meshes import mesh_files, mesh_suffixes
 from rasterjit.outputs import masks
 from rasterjit.rendering import batch, batch_scheduler, renderer_pool
 from rasterjit.rendering.view_warnings import ViewWarning
+from rasterjit.scene.warning import warn_caller
 
 MODELS = Path(__file__).parents[2] / "models"
 W, H = SIZE = (24, 16)
@@ -545,7 +545,7 @@ def test_the_command_line_takes_damage_and_a_budget(damaged, tmp_path):
 def test_what_a_view_warns_of_names_it_once(tmp_path, monkeypatch):
     def draw(*arguments):
         for _ in range(2):
-            warnings.warn("nothing is in view", ViewWarning, stacklevel=2)
+            warn_caller("nothing is in view", ViewWarning)
             yield from draw_in_turns(*arguments)
 
     draw_in_turns = recipes.draw_in_turns

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import inspect
+import threading
 import warnings
 
 import pytest
 
-from rasterjit.scene.warning import REPAIRED_NORMALS, REPEATED, silence_warnings, warn_caller
+from rasterjit.scene.warning import (
+    REPAIRED_NORMALS,
+    REPEATED,
+    gather_warnings,
+    silence_warnings,
+    warn_caller,
+)
 
 
 def call_through(depth):
@@ -47,9 +54,38 @@ def test_only_the_kind_that_is_told_elsewhere_is_kept_back():
             with silence_warnings(REPEATED):
                 warn_caller("neither", kind=REPAIRED_NORMALS)
                 warn_caller("nor", kind=REPEATED)
+            with silence_warnings(FutureWarning):
+                warn_caller("of a category", FutureWarning)
         warn_caller("afterwards", kind=REPAIRED_NORMALS)
     texts = [str(one.message) for one in caught]
     assert texts == [f"of kind {REPEATED!r}", "of kind ''", "afterwards"]
+
+
+def test_warnings_are_gathered_of_one_thread_alone():
+    # Two blocks that overlap, as those of threads do, leave nothing behind.
+    def work():
+        with gather_warnings() as own:
+            is_inside.set()
+            is_over.wait(60.0)
+            warn_caller("of the thread", FutureWarning)
+        gathered.extend(own)
+
+    gathered: list[Warning] = []
+    is_inside, is_over = threading.Event(), threading.Event()
+    thread = threading.Thread(target=work)
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("always")
+        with gather_warnings() as mine:
+            thread.start()
+            is_inside.wait(60.0)
+            warn_caller("mine")
+        is_over.set()
+        thread.join()
+        warn_caller("afterwards")
+    assert [repr(one) for one in (*mine, *gathered)] == [
+        "UserWarning('mine')", "FutureWarning('of the thread')"
+    ]  # fmt: skip
+    assert [str(one.message) for one in issued] == ["afterwards"]
 
 
 def test_a_package_of_a_like_name_is_no_part_of_this_one():
