@@ -9,7 +9,7 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -447,19 +447,38 @@ class Joints(Guarded, Mapping[str, Joint]):
 def copy_joints(
     joints: Mapping[str, Joint], copies: Mapping[int, Node], prefix: str = ""
 ) -> dict[str, Joint]:
-    """Return copies of joints for copied nodes, by the ids of the old ones."""
+    """
+    Return copies of joints for copied nodes, by the ids of the old ones, that follow one another.
+
+    Those whose node is not copied, or that are followed only, move an empty node of their own.
+    """
     new = {
         id(old): old._with(
-            _node=copies.get(id(old.node), old.node), _followers=[], _name=prefix + name
+            _node=copies.get(id(old.node)) or Node(None, old.node.transform, old.node.name),
+            _followers=[],
         )
-        for name, old in joints.items()
+        for old in with_leaders(joints.values())
     }
     for joint in new.values():
-        if joint._follows is not None and id(joint._follows.joint) in new:
+        if joint._follows is not None:
             leader = new[id(joint._follows.joint)]
             joint._follows = joint._follows._replace(joint=leader)
             leader._followers.append(joint)
-    return {joint.name: joint for joint in new.values()}
+    copied = {prefix + name: new[id(old)] for name, old in joints.items()}
+    for name, joint in copied.items():
+        joint._name = name
+    return copied
+
+
+def with_leaders(joints: Iterable[Joint]) -> list[Joint]:
+    """Return joints, and all that they follow, each once."""
+    result = dict.fromkeys(joints)
+    for joint in list(result):
+        leader = joint._follows
+        while leader is not None and leader.joint not in result:
+            result[leader.joint] = None
+            leader = leader.joint._follows
+    return list(result)
 
 
 def _check_limits(limits: Any, kind: str) -> tuple[float, float]:

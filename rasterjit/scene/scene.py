@@ -22,7 +22,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import call_higher_level
-from rasterjit.scene.joints import Joint, Joints, copy_joints
+from rasterjit.scene.joints import Joint, Joints, copy_joints, with_leaders
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
@@ -270,7 +270,8 @@ class Scene(Guarded, PicturePreview):
         if _is_single_mesh(added):
             return self.add(added.nodes[0].mesh, transform, name, parent=parent)
         prefix = "" if name is None else f"{name}/"
-        taken = [prefix + one for one in added._joints if prefix + one in self._joints]
+        names = [prefix + one for one in added._joints_in_scene()]
+        taken = [one for one in names if one in self._joints]
         if taken:
             raise ValueError(
                 f"name must keep joints apart, got {name!r}, and a joint {taken[0]!r} is there"
@@ -322,7 +323,8 @@ class Scene(Guarded, PicturePreview):
         Objects behind it in ``nodes`` move up: an object number is the index in ``nodes`` as it is,
         and instances of a mesh are counted anew; names stay. The node keeps what hangs below it,
         and its ``transform``, and may be added again, here or elsewhere. ``animations`` stay, too:
-        what they move of nodes that are not in the scene is neither played nor saved.
+        what they move of nodes that are not in the scene is neither played nor saved. ``joints`` of
+        what is taken out go, but for those that joints of the rest follow.
 
         Parameters
         ----------
@@ -348,6 +350,8 @@ class Scene(Guarded, PicturePreview):
             other._scene = None
             self._groups.pop(other, None)
             self._labelled.pop(other, None)
+        for name in self._joints.keys() - self._joints_in_scene().keys():
+            del self._joints[name]
 
     def find(self, name: str) -> Node:
         """
@@ -538,7 +542,9 @@ class Scene(Guarded, PicturePreview):
     def _joints_in_scene(self) -> dict[str, Joint]:
         """Return the joints that move nodes of the scene, with those that they follow."""
         node_ids = set(map(id, self._all_nodes())) if self._joints else ()
-        return {name: one for name, one in self._joints.items() if id(one.node) in node_ids}
+        moving = [one for one in self._joints.values() if id(one.node) in node_ids]
+        kept = set(map(id, with_leaders(moving)))
+        return {name: one for name, one in self._joints.items() if id(one) in kept}
 
     def posed(self) -> Scene:
         """
@@ -829,6 +835,7 @@ def _is_single_mesh(scene: Scene) -> bool:
     (node,) = scene.nodes
     is_single = node.parent is None and not node.children and not scene.animations
     is_single = is_single and node._skin is None and node._weights is None
+    is_single = is_single and not scene._joints_in_scene()
     return is_single and np.array_equal(node.transform, np.eye(4))
 
 
