@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from itertools import islice
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rasterjit.cli.program import spell_options
-from rasterjit.cli.report import say
+from rasterjit.cli.report import collect_warnings, say
 from rasterjit.interrupts import raise_if_interrupted
 from rasterjit.scene.mesh import ATTRIBUTE
 
@@ -29,9 +28,7 @@ def print_info(file: Path, as_json: bool, **reading: Any) -> None:
     """Read a file and print what it holds; ``reading`` as `rasterjit.load` takes it."""
     from rasterjit.io.meshes import load
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("ignore")
-        warnings.simplefilter("always", UserWarning)
+    with collect_warnings() as caught:
         scene = load(file, **reading)
     raise_if_interrupted()
     said = [spell_options(str(warning.message)).removeprefix(f"{file}: ") for warning in caught]

@@ -6,7 +6,6 @@ import json
 import math
 import os
 import re
-import warnings
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
@@ -419,15 +418,12 @@ def load_camera(text: str, size: tuple[int, int] | None) -> CalibratedCamera:
     from rasterjit.io.camera_files import load_cameras
 
     file, image = (text, "") if Path(text).exists() else text.rpartition(":")[::2]
-    with warnings.catch_warnings():
-        # One camera is asked for; points and others are not.
-        warnings.simplefilter("ignore", UserWarning)
-        cameras = load_cameras(file or text, size=size)
-    if not image and len(cameras) == 1:
-        return cameras[0]
-    for number, one in enumerate(cameras):
-        if image and image in (one.name, str(number)):
-            return one
+    cameras = load_cameras(file or text, size=size)
+    found = [one for one in cameras if not image or one.name == image]
+    # Names go first: they may be numbers.
+    found = found or [one for number, one in enumerate(cameras) if str(number) == image]
+    if len(found) == 1:
+        return found[0]
     names = ", ".join(one.name or str(number) for number, one in enumerate(cameras[:MAX_NAMES]))
     more = f" and {len(cameras) - MAX_NAMES} more" if len(cameras) > MAX_NAMES else ""
     raise ValueError(f"{text!r} must be FILE:IMAGE, an image of {names}{more}, or its number")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rasterjit.cli import option_types
 from rasterjit.cli.help import suggest_words
-from rasterjit.cli.report import warn
+from rasterjit.cli.report import collect_warnings, warn
 from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.scene.colormap import COLORMAPS, REVERSED_SUFFIX, Colormap
 from rasterjit.scene.eye_dome import MAX_STRENGTH, EyeDome
@@ -478,7 +478,10 @@ class CameraOptions:
         size = context.params["size"] if is_given("size") else None
         # Read once.
         if CAMERA_KEY not in context.meta:
-            context.meta[CAMERA_KEY] = option_types.load_camera(self.camera_file, size)
+            with collect_warnings() as caught:
+                context.meta[CAMERA_KEY] = option_types.load_camera(self.camera_file, size)
+            for warning in caught:
+                warn(str(warning.message), context.params.get("quiet", False))
         camera: CalibratedCamera = context.meta[CAMERA_KEY]
         return camera
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rasterjit.cli.help import Command, add_advice
 from rasterjit.cli.option_types import background_type, color_type, size_type
 from rasterjit.cli.options import Effects, SceneOptions, is_given, refuse_unused
-from rasterjit.cli.report import let_streams_escape, say_error, warn
+from rasterjit.cli.report import collect_warnings, let_streams_escape, say_error, warn
 from rasterjit.interrupts import INTERRUPTED, raise_if_interrupted
 from rasterjit.outputs.output_table import find_row
 from rasterjit.rendering.planning import CULL_MODES
@@ -450,9 +450,7 @@ def load_scene(file: Path, look: SceneOptions, effects: Effects, quiet: bool) ->
     """Read a scene, apply look and effects, and print the reader's warnings as lines."""
     from rasterjit.io.meshes import load
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("ignore")
-        warnings.simplefilter("always", UserWarning)
+    with collect_warnings() as caught:
         scene = load(
             file,
             on_invalid=look.on_invalid,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -59,6 +60,15 @@ def warn(message: str, quiet: bool) -> None:
     """Print a warning as one line on standard error."""
     if not quiet:
         say("warning: " + _LINE_BREAK.sub(" ", message.strip()), err=True)
+
+
+@contextmanager
+def collect_warnings() -> Iterator[list[warnings.WarningMessage]]:
+    """Yield the list of those warnings for users that are given meanwhile."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UserWarning)
+        yield caught
 
 
 @contextmanager

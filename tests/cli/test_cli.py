@@ -18,7 +18,7 @@ from opengl import optional_module
 from PIL import Image, ImageSequence
 
 import rasterjit as rj
-from rasterjit.cli import commands, help, report, warmup
+from rasterjit.cli import commands, help, option_types, report, warmup
 from rasterjit.cli.option_types import LIGHT_NAMES
 from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, CameraOptions
 from rasterjit.inspect import profile
@@ -433,12 +433,35 @@ def test_a_camera_of_a_file_is_that_of_the_library(tmp_path, image):
     assert (np.load(tmp_path / "a.npz")["face_id"] == expected.face_id).all()
 
 
+def test_a_name_goes_before_a_number_and_what_shifts_numbers_is_told(tmp_path):
+    cameras = [
+        dataclasses.replace(one, name=name)
+        for one, name in zip(calibrated_cameras() + calibrated_cameras(), "2011", strict=True)
+    ]
+    rj.save_cameras(tmp_path / "t.json", cameras)
+    document = json.loads((tmp_path / "t.json").read_text())
+    first = {**document["frames"][0], "file_path": "fov", "camera_model": "FOV"}
+    document["frames"] = [first, *document["frames"]]
+    (tmp_path / "t.json").write_text(json.dumps(document))
+    with pytest.warns(rj.LoadWarning, match="frame of a camera without a lens here"):
+        found = [option_types.load_camera(f"{tmp_path / 't.json'}:{n}", None) for n in "203"]
+    assert [one.name for one in found] == ["2", "0", "1"]
+    with (
+        pytest.raises(ValueError, match="an image of 2, 0, 1, 1, or its number"),
+        pytest.warns(rj.LoadWarning, match="left out"),
+    ):
+        option_types.load_camera(f"{tmp_path / 't.json'}:1", None)
+
+
 def test_explain_says_that_it_has_no_lens_and_has_the_size_of_a_camera_of_a_file(tmp_path):
     rj.save_cameras(tmp_path / "t.json", calibrated_cameras()[:1])
+    document = json.loads((tmp_path / "t.json").read_text())
+    (tmp_path / "t.json").write_text(json.dumps({**document, "aabb_scale": 4}))
     result = run("explain", CUBE, "--camera", tmp_path / "t.json")
     assert result.exit_code == 0
     assert "64 x 48 pixels" in result.output
     assert "--camera has a lens, which only render and accuracy draw" in result.output
+    assert f"warning: {tmp_path / 't.json'}: left out aabb_scale (1)" in result.output
 
 
 @pytest.mark.parametrize(

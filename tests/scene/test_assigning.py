@@ -27,6 +27,7 @@ EYE = {"eye": (0, 0, 5), "target": (0, 0, 0)}
 FROZEN = [
     rj.AmbientLight(intensity=0.5),
     rj.AmbientOcclusion(),
+    rj.CalibratedCamera(rj.PerspectiveCamera(**EYE), (64, 48)),
     rj.DirectionalLight((0, -1, 0), shadow=rj.Shadow(512)),
     rj.Environment.gradient(),
     rj.Environment(np.ones((4, 8, 3))),
