@@ -7,8 +7,9 @@ import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -33,7 +34,8 @@ SHAPE_ARRAY_NAMES = (
 )  # fmt: skip
 
 
-class GivenMesh(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class GivenMesh:
     """A mesh that a program gave as arrays."""
 
     positions: NDArray[np.float64]

@@ -87,6 +87,8 @@ class Part(NamedTuple):
     """What is drawn as one node."""
 
     mesh: Mesh
+    source: Mesh
+    """The mesh of the same shape that it is a copy of."""
     local: Float64
     """Its place in the frame of its link, (4, 4)."""
     link: int
@@ -135,15 +137,21 @@ class WorldScene(Scene):
         self._set_light(light)
         # Highlights follow one ratio of the specular to the diffuse light.
         look = is_opaque, light.specular / max(light.diffuse, 1e-6)
-        client, bodies, missing = self._client, dict[int, Body](), list[str]()
+        client, keys, missing = self._client, dict[int, Any](), list[str]()
         for n in range(pybullet.getNumBodies(physicsClientId=client)):
             number = pybullet.getBodyUniqueId(n, physicsClientId=client)
             shapes = pybullet.getVisualShapeData(number, 1, physicsClientId=client)
-            key = shapes, look, (self._notes.version, self._notes.versions[number])
-            body = self._bodies.get(number)
-            if body is None or body.key != key:
-                body = self._make_body(number, key, missing)
-            bodies[number] = body
+            keys[number] = shapes, look, (self._notes.version, self._notes.versions[number])
+        old = self._bodies
+        kept = {number: body for number, body in old.items() if keys.get(number) == body.key}
+        # Meshes of what has changed its colour, or stood in an earlier world, serve again.
+        spare: dict[int, list[Mesh]] = {}
+        for part in (part for n, body in old.items() if n not in kept for part in body.parts):
+            spare.setdefault(id(part.source), []).append(part.mesh)
+        bodies = {
+            number: kept.get(number) or self._make_body(number, key, spare, missing)
+            for number, key in keys.items()
+        }
         if [*map(id, bodies.values())] != [*map(id, self._bodies.values())]:
             self._bodies = bodies
             self.nodes[:] = [node for body in bodies.values() for node in body.nodes]
@@ -210,7 +218,9 @@ class WorldScene(Scene):
 
     # Bodies.
 
-    def _make_body(self, number: int, key: Any, missing: list[str]) -> Body:
+    def _make_body(
+        self, number: int, key: Any, spare: dict[int, list[Mesh]], missing: list[str]
+    ) -> Body:
         """Return the parts of a body, with new nodes; add the names of what is not drawn."""
         shapes, (is_opaque, gain), _ = key
         info = pybullet.getDynamicsInfo(number, BASE, physicsClientId=self._client)
@@ -249,13 +259,17 @@ class WorldScene(Scene):
             flags = self._find_flags(number, link, index)
             for mesh, matrix, own in pieces:
                 texture = own if override is None else override or None
+                if texture is not None and mesh.uv is None:
+                    missing.append("textures of meshes without texture coordinates")
+                    texture = None
                 material = _make_material(
                     tuple(color), texture, is_opaque, gain,
                     bool(flags & pybullet.VISUAL_SHAPE_DOUBLE_SIDED) or is_soft,
                 )  # fmt: skip
-                shown = copy.copy(mesh)
+                copies = spare.get(id(mesh))
+                shown = copies.pop() if copies else copy.copy(mesh)
                 shown.material = material
-                parts.append(Part(shown, local @ matrix, link))
+                parts.append(Part(shown, mesh, local @ matrix, link))
         links = sorted({part.link for part in parts} - {BASE})
         return Body(key, parts, [Node(part.mesh) for part in parts], links, is_soft)
 
@@ -484,6 +498,7 @@ def _as_codes(texture: Texture) -> Texture:
     return Texture(codes, wrap=texture.wrap)
 
 
+@functools.lru_cache(maxsize=256)
 def _make_given_mesh(given: GivenMesh) -> Mesh:
     """Return the mesh of arrays; without normals its faces are flat."""
     if given.normals is None:
