@@ -206,6 +206,10 @@ def test_textures_come_go_and_change(tmp_path):
     theirs, ours = (draw(wide, function=one, **AMBIENT) for one in (THEIRS, getCameraImage))
     inner = ~near_edges(theirs[4]) & ~near_edges(ours[4])
     assert np.abs(theirs[2].astype(int) - ours[2])[inner].mean() < 3.0
+    bare = add(pybullet.GEOM_MESH, (9, 0, 0), fileName="racecar/meshes/chassis.STL")
+    pybullet.changeVisualShape(bare, -1, textureUniqueId=texture)
+    with pytest.warns(UserWarning, match="textures of meshes without texture coordinates"):
+        draw(camera)
     pybullet.changeTexture(texture, [10, 20, 30] * 4, 2, 2)
     np.testing.assert_array_equal(middle(draw(camera, **AMBIENT)), [10, 20, 30])
     pybullet.changeVisualShape(bodies[0], -1, textureUniqueId=-1)

@@ -493,9 +493,22 @@ def _load_texture(path: Path, changed: int) -> Texture:
 
 
 def _as_codes(texture: Texture) -> Texture:
-    """Return a texture whose light is what was its code."""
-    codes = np.interp(texture.image[..., :3], decoding_table(), np.arange(256) / 255.0)
-    return Texture(codes, wrap=texture.wrap)
+    """Return a texture whose light is what was its code; for equal pictures the same one."""
+    codes = np.interp(texture.image[..., :3], decoding_table(), np.arange(256))
+    picture = np.rint(codes).astype(np.uint8)
+    return _get_texture(picture.shape, picture.tobytes(), texture.wrap)
+
+
+@functools.lru_cache(maxsize=64)
+def _get_texture(shape: tuple[int, ...], codes: bytes, wrap: Any) -> Texture:
+    """Return the texture of a picture of codes; parts of a robot often share one."""
+    return Texture(np.frombuffer(codes, np.uint8).reshape(shape), wrap=wrap, color_space="linear")
+
+
+@functools.lru_cache(maxsize=256)
+def _find_mean(texture: Texture) -> float:
+    """Return the mean of a texture's colours."""
+    return float(texture.image[..., :3].mean())
 
 
 @functools.lru_cache(maxsize=256)
@@ -515,7 +528,7 @@ def _make_material(
     *rgb, alpha = np.clip(color, 0.0, 1.0).tolist()
     is_blended = alpha < 1.0 and not is_opaque
     # PyBullet multiplies highlights by the colour, here they are white: use its mean.
-    mean = float(np.mean(rgb)) * (1.0 if texture is None else float(texture.image[..., :3].mean()))
+    mean = float(np.mean(rgb)) * (1.0 if texture is None else _find_mean(texture))
     return Material(
         "phong", (*rgb, alpha if is_blended else 1.0), specular=gain * mean, shininess=SHININESS,
         base_color_texture=texture, alpha_mode="blend" if is_blended else "opaque",
