@@ -396,7 +396,7 @@ def build_robot(
 
 
 def _make_joints(record: RobotRecord, nodes: dict[str, Node]) -> dict[str, Joint]:
-    """Return the joints that one number moves, each at 0 or at the limit nearest to it."""
+    """Return the joints that one number moves."""
     records = {one.name: one for one in record.joints if one.kind in JOINT_KINDS}
     joints: dict[str, Joint] = {}
 
@@ -418,10 +418,6 @@ def _make_joints(record: RobotRecord, nodes: dict[str, Node]) -> dict[str, Joint
             chain.append(mimic[0])
         for link in reversed(chain):
             joints[link] = make(records[link])
-    for joint in joints.values():
-        low, high = joint.limits
-        if joint.follows is None and not low <= 0.0 <= high:
-            joint.value = min(max(0.0, low), high)
     return {name: joints[name] for name in records}
 
 

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rasterjit.scene.arrays import Float64, HoldsArrays
 from rasterjit.scene.attribute_guard import Guarded
-from rasterjit.scene.node import Node, subtree
+from rasterjit.scene.node import Node, scene_of, subtree
 from rasterjit.scene.portable_trig import sin_cos_degrees
 from rasterjit.scene.transforms import product_of_each, unit_triple
 from rasterjit.scene.validation import (
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 JointKind: TypeAlias = Literal["revolute", "continuous", "prismatic"]
 JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
+
+Number = TypeVar("Number", float, Float64)
 
 LIMIT_ROUNDING = 1e-9
 """Degrees or scene units by which a value may be outside limits: what converting units rounds."""
@@ -72,7 +74,8 @@ class Joint(HoldsArrays, Guarded):
     Parameters
     ----------
     node : Node
-        What it moves. Its ``transform`` now is where it stands at value 0.
+        What it moves. Its ``transform`` now is where it stands at value 0; it is moved to the limit
+        nearest to that, or to where the joint that it follows has it.
     kind : {"revolute", "continuous", "prismatic"}
         Turns within limits, turns without any, shifts.
     axis : (3,) array_like
@@ -117,11 +120,15 @@ class Joint(HoldsArrays, Guarded):
         self._limits = _check_limits(limits, self._kind)
         self._followers: list[Joint] = []
         self._follows: Follows | None = None
-        self._value = 0.0
+        low, high = self._limits
+        value, self._value = min(max(0.0, low), high), 0.0
         if follows is not None:
-            self._follows = _check_follows(follows)
-            self._follows.joint._followers.append(self)
-            self._move(self._follows.joint.value)
+            checked = _check_follows(follows)
+            value = checked.factor * checked.joint.value + checked.offset
+        if value:
+            _move([(self, value)])
+        if follows is not None:
+            self._follow(checked)
 
     @property
     def name(self) -> str:
@@ -162,7 +169,7 @@ class Joint(HoldsArrays, Guarded):
     def value(self, value: float) -> None:
         number = finite_number(f"joint {self._name!r}", value)
         self._check(np.array([number]))
-        self._move(number)
+        _move([(self, number)])
 
     @property
     def angle(self) -> float:
@@ -223,6 +230,11 @@ class Joint(HoldsArrays, Guarded):
             moved[:, :3, :3] = np.moveaxis(np.array(rows), -1, 0) + 0.0
         return product_of_each(np.broadcast_to(self._origin, moved.shape), moved)
 
+    def _follow(self, follows: Follows) -> None:
+        """Follow another joint from now on."""
+        self._follows = follows
+        follows.joint._followers.append(self)
+
     def _check_kind(self, name: str) -> None:
         """Raise ``ValueError`` if a joint of this kind has no such value."""
         fitting = "position" if self._kind == "prismatic" else "angle"
@@ -245,14 +257,9 @@ class Joint(HoldsArrays, Guarded):
                 f"joint {self._name!r} must be in {low:g}..{high:g} {unit}, got {wrong[0]:g}"
             )
 
-    def _move(self, value: float) -> None:
-        """Take a value, of the leader if it follows one, and move the node and followers."""
-        if self._follows is not None:
-            value = self._follows.factor * value + self._follows.offset
-        self._node.transform = self.transforms([value])[0]
-        self._value = value
-        for follower in self._followers:
-            follower._move(value)
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or pickled: a joint that follows none; a scene adds its leader."""
+        return {**self.__dict__, "_follows": None, "_followers": []}
 
     def __repr__(self) -> str:
         return f"Joint({self._name!r}, {self._kind!r}, {self._value:g})"
@@ -274,7 +281,7 @@ class Joints(Guarded, Mapping[str, Joint]):
         self._scene, self._joints = scene, scene._joints
 
     def __getitem__(self, name: str) -> Joint:
-        if name not in self._joints:
+        if name not in self:
             names = list(self._joints)
             known = f"one of {', '.join(map(repr, names))}" if names else "none, the scene has none"
             raise UnknownJointError(
@@ -289,7 +296,7 @@ class Joints(Guarded, Mapping[str, Joint]):
         return len(self._joints)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._joints
+        return isinstance(name, str) and name in self._joints
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -303,7 +310,8 @@ class Joints(Guarded, Mapping[str, Joint]):
         Raises
         ------
         ValueError
-            If it is none, its name is taken, or its node is not in the scene.
+            If it is none or has a name in a scene, its name is taken or no text, or its node is not
+            in the scene.
         """
         if not isinstance(joint, Joint):
             raise ValueError(f"joint must be a Joint, got {brief(joint)}")
@@ -311,6 +319,9 @@ class Joints(Guarded, Mapping[str, Joint]):
             raise ValueError(f"name must be that of no other joint, got {name!r}")
         if not self._scene._holds(joint.node):
             raise ValueError(f"joint must move a node of the scene, got {joint.node!r}")
+        owners = (self._scene, scene_of(joint.node))
+        if any(one is not None and one._joints.get(joint.name) is joint for one in owners):
+            raise ValueError(f"joint must have no name in a scene yet, got {joint!r}")
         joint._name = name
         self._joints[name] = joint
 
@@ -356,10 +367,10 @@ class Joints(Guarded, Mapping[str, Joint]):
         else:
             names = self.free
             values = finite_array("pose", pose, (len(names),)).tolist()
-        for name, value in zip(names, values, strict=True):
-            self._joints[name]._check(np.array([value]))
-        for name, value in zip(names, values, strict=True):
-            self._joints[name]._move(value)
+        pairs = [(self._joints[name], value) for name, value in zip(names, values, strict=True)]
+        for joint, value in pairs:
+            joint._check(np.array([value]))
+        _move(pairs)
 
     def transforms(self, poses: ArrayLike | Mapping[str, ArrayLike]) -> Float64:
         """
@@ -394,17 +405,10 @@ class Joints(Guarded, Mapping[str, Joint]):
         counts = sorted({len(column) for column in columns})
         if len(counts) > 1:
             raise ValueError(f"poses must have as many values for each joint, got {counts}")
-        # Where each joint's node stands below its parent, (N, 4, 4); followers after leaders.
-        moved: dict[int, Float64] = {}
-        joints = [(self._joints[name], column) for name, column in zip(names, columns, strict=True)]
-        for joint, column in joints:
+        pairs = [(self._joints[name], column) for name, column in zip(names, columns, strict=True)]
+        for joint, column in pairs:
             joint._check(column)
-        while joints:
-            joint, column = joints.pop()
-            moved[id(joint.node)] = joint.transforms(column)
-            for other in joint._followers:
-                assert other.follows is not None
-                joints.append((other, other.follows.factor * column + other.follows.offset))
+        moved = {id(joint.node): matrices for joint, _, matrices in _with_followers(pairs)}
         return self._world_matrices(moved, count)
 
     def _world_matrices(self, moved: Mapping[int, Float64], count: int) -> Float64:
@@ -461,9 +465,7 @@ def copy_joints(
     }
     for joint in new.values():
         if joint._follows is not None:
-            leader = new[id(joint._follows.joint)]
-            joint._follows = joint._follows._replace(joint=leader)
-            leader._followers.append(joint)
+            joint._follow(joint._follows._replace(joint=new[id(joint._follows.joint)]))
     copied = {prefix + name: new[id(old)] for name, old in joints.items()}
     for name, joint in copied.items():
         joint._name = name
@@ -481,6 +483,24 @@ def with_leaders(joints: Iterable[Joint]) -> list[Joint]:
     return list(result)
 
 
+def _with_followers(pairs: list[tuple[Joint, Number]]) -> list[tuple[Joint, Number, Float64]]:
+    """Return joints and all that follow them, leaders first: values, and (N, 4, 4) of nodes."""
+    result, pending = [], pairs[::-1]
+    while pending:
+        joint, value = pending.pop()
+        result.append((joint, value, joint.transforms(np.atleast_1d(value))))
+        for other in joint._followers:
+            assert other.follows is not None
+            pending.append((other, other.follows.factor * value + other.follows.offset))
+    return result
+
+
+def _move(pairs: list[tuple[Joint, float]]) -> None:
+    """Move joints to values, and all that follow them; or none, if a value overflows."""
+    for joint, value, matrices in _with_followers(pairs):
+        joint._node.transform, joint._value = matrices[0], value
+
+
 def _check_limits(limits: Any, kind: str) -> tuple[float, float]:
     """Return the least and the greatest value of a joint, or raise ``ValueError``."""
     if limits is None:
@@ -491,7 +511,7 @@ def _check_limits(limits: Any, kind: str) -> tuple[float, float]:
     if ends.shape != (2,):
         raise ValueError(f"limits must be two numbers, got {brief(limits)}")
     low, high = ends.tolist()
-    if not low <= high:
+    if not low <= high or math.inf in (low, -high):
         raise ValueError(f"limits must be the least and the greatest value, got {brief(limits)}")
     return low, high
 

@@ -168,7 +168,7 @@ class Scene(Guarded, PicturePreview):
         return result
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state to copy or pickle, with the links of nodes to their parents apart."""
+        """Return the state to copy or pickle, links of nodes to parents and of joints apart."""
         links = [
             (node, node.parent, node.transform, node._trs)
             for root in self._all_roots(
@@ -180,7 +180,9 @@ class Scene(Guarded, PicturePreview):
             for node in subtree(root)
             if node.parent
         ]
-        return {**self.__dict__, "links": links}
+        joints = with_leaders(self._joints.values())
+        follows = [(one, one.follows) for one in joints if one.follows is not None]
+        return {**self.__dict__, "links": links, "follows": follows}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copied or pickled scene, which owns its nodes."""
@@ -189,6 +191,9 @@ class Scene(Guarded, PicturePreview):
             # Else its parent was restored by another scene that shares it.
             if node.parent is None:
                 node._attach_copy(parent, transform, trs)
+        for joint, follows in state.pop("follows"):
+            if joint.follows is None:
+                joint._follow(follows)
         self.__dict__.update(state)
         for node in self.every_node():
             node._scene = weakref.ref(self)

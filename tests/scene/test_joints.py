@@ -1,5 +1,9 @@
 """Joints of a program's own: copied, removed, named and moved."""
 
+import copy
+import pickle
+
+import numpy as np
 import pytest
 
 import rasterjit as rj
@@ -39,3 +43,54 @@ def test_joints_go_with_their_nodes_unless_others_follow_them():
     assert list(scene.joints) == ["j0", "j1", "j2"]
     scene.remove(nodes[2])
     assert list(scene.joints) == ["j0"]
+
+
+def test_a_joint_has_one_name_and_names_are_texts():
+    scene, nodes = row(1)
+    other = rj.Scene()
+    other.nodes.append(nodes[0])
+    for stage in (scene, other):
+        with pytest.raises(ValueError, match=r"joint must have no name in a scene yet, got .*'j0'"):
+            stage.joints.add("again", scene.joints["j0"])
+    assert (list(scene.joints), scene.joints["j0"].name) == (["j0"], "j0")
+    for name in (0, ["j0"]):
+        with pytest.raises(ValueError, match="joint must be one of 'j0', got"):
+            scene.joints[name]
+        assert name not in scene.joints
+        with pytest.raises(ValueError, match="name must be a text"):
+            scene.joints.add(name, rj.Joint(nodes[0], "revolute", (0, 0, 1)))
+
+
+@pytest.mark.parametrize("limits", [(1, 2), (-2, -1), (-1, 2), None])
+def test_a_joint_stands_at_the_limit_nearest_to_0_and_what_follows_it_there(limits):
+    arm, hand = rj.Node(name="arm"), rj.Node(name="hand")
+    first = rj.Joint(arm, "prismatic", (1, 0, 0), limits=limits)
+    other = rj.Joint(hand, "prismatic", (0, 1, 0), follows=(first, 10.0, 5.0))
+    expected = {1: 1.0, -2: -1.0}.get(limits[0], 0.0) if limits else 0.0
+    places = [first.position, arm.transform[0, 3], other.position, hand.transform[1, 3]]
+    assert places == [expected, expected, 10 * expected + 5, 10 * expected + 5]
+    for wrong in ((np.inf, np.inf), (-np.inf, -np.inf), (2, 1)):
+        with pytest.raises(ValueError, match="limits must be the least and the greatest value"):
+            rj.Joint(arm, "prismatic", (1, 0, 0), limits=wrong)
+
+
+def test_joints_that_follow_one_another_in_a_long_row_move_and_are_copied():
+    scene, _ = row(1500)
+    scene.joints["j0"].angle = 30
+    world = [node.world_matrix for node in scene.nodes]
+    np.testing.assert_array_equal(scene.joints.transforms([[30]])[0], world)
+    assert scene.joints["j1499"].angle == 30 + 1499
+    for other in (copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
+        other.joints["j0"].angle = 60
+        assert other.joints["j1499"].node.transform[0, 1] == other.nodes[-1].transform[0, 1]
+        assert (other.joints["j1499"].angle, scene.joints["j1499"].angle) == (60 + 1499, 30 + 1499)
+
+
+def test_nothing_moves_where_a_joint_that_follows_overflows():
+    scene, nodes = row(2)
+    last = rj.Joint(nodes[1], "prismatic", (1, 0, 0), follows=(scene.joints["j1"], 1e308, 0.0))
+    before = [node.transform for node in nodes]
+    with pytest.raises(ValueError, match="finite"):
+        scene.joints.move([20])
+    assert [scene.joints["j0"].angle, last.position] == [0.0, 1e308]
+    np.testing.assert_array_equal([node.transform for node in nodes], before)
