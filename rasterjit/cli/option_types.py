@@ -376,9 +376,6 @@ CONVENTIONS = {
 }
 """Spaces that a pose maps between, and the axes of the camera."""
 
-FLIP_YZ = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Axes of OpenCV's cameras to ours, and back: its own inverse."""
-
 MAX_COLUMN_SCALE_ERROR = 1e-3
 """Tolerance of the lengths of a rotation's columns from 1, for rounded files."""
 
@@ -453,6 +450,7 @@ def convert_pose(pose: Float64, convention: str) -> Float64:
     ValueError
         If the pose is not one of a camera: it mirrors, shears or scales.
     """
+    from rasterjit.io.camera_files.calibration import FLIP_YZ
     from rasterjit.io.cameras import view_from_pose
     from rasterjit.scene.transforms import compose, inverse
     from rasterjit.scene.vectors import length

@@ -545,7 +545,8 @@ class CameraOptions:
 
     def _make_calibrated_camera(self, scene: Scene, size: tuple[int, int]) -> MatrixCamera:
         """Return the camera of ``--pose`` or ``--intrinsics`` or both."""
-        from rasterjit.cli.option_types import FLIP_YZ, convert_pose, make_camera, make_intrinsics
+        from rasterjit.cli.option_types import convert_pose, make_camera, make_intrinsics
+        from rasterjit.io.camera_files.calibration import FLIP_YZ
         from rasterjit.scene import transforms
 
         intrinsics = self.intrinsics

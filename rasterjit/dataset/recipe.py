@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 from rasterjit.animation.tracks import DEGREES_PER_TURN, measure_sphere
 from rasterjit.io import images
 from rasterjit.io.atomic_write import atomic_file, write_text
-from rasterjit.io.camera_files.calibration import Intrinsics
-from rasterjit.io.camera_files.transforms_json import list_intrinsics
 from rasterjit.io.meshes import ON_DAMAGE, OnDamage, load
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
@@ -544,6 +542,9 @@ def _find_pose(camera: PerspectiveCamera) -> list[list[float]]:
 
 def _list_intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[str, Any]:
     """Return the intrinsics of all views; pixel centres lie at halves."""
+    from rasterjit.io.camera_files.calibration import Intrinsics
+    from rasterjit.io.camera_files.transforms_json import list_intrinsics
+
     width, height = size
     focal = transforms.focal_length(camera.fov_y) * height / 2.0
     return list_intrinsics(

@@ -150,9 +150,10 @@ def test_the_manual_names_every_public_name():
 
 def test_importing_loads_nothing_heavy():
     code = (
-        "import sys, rasterjit; "
+        "import sys, rasterjit, rasterjit.dataset.recipe, rasterjit.io.camera_files as cameras; "
         "print([m for m in ('trimesh', 'networkx', 'imageio', 'rich', 'click', 'matplotlib', "
-        "'dask', 'distributed', 'rendercanvas', 'tifffile', 'zarr', 'PIL') if m in sys.modules])"
+        "'dask', 'distributed', 'rendercanvas', 'tifffile', 'zarr', 'PIL', 'yaml', "
+        "*(f'{cameras.__name__}.{m}' for m, _ in cameras.WRITERS.values())) if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],

@@ -7,13 +7,12 @@ A file is told by its name, and YAML by what it holds.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
-from rasterjit.io.camera_files import bundler, colmap, kalibr, opencv_yaml, transforms_json
 from rasterjit.io.camera_files.calibration import CalibratedCamera, reading
-from rasterjit.io.camera_files.yaml_files import read_yaml
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.validation import brief, image_size, one_of, sequence, short_repr
 
@@ -24,11 +23,22 @@ CAMERA_FORMATS: tuple[CameraFormat, ...] = get_args(CameraFormat)
 """Formats that cameras are written in."""
 
 COLMAP_FILES = {
-    f"{name}{suffix}": suffix for suffix in (".bin", ".txt") for name in colmap.FILES[:2]
+    f"{name}{suffix}": suffix for suffix in (".bin", ".txt") for name in ("cameras", "images")
 }
 """Names of COLMAP's files of cameras, and their suffixes; binary ones are looked for first."""
 
 TRANSFORMS = "transforms.json"
+
+WRITERS: dict[CameraFormat, tuple[str, str]] = {
+    "colmap": ("colmap", "write_binary"),
+    "colmap-text": ("colmap", "write_text"),
+    "nerfstudio": ("transforms_json", "write_transforms"),
+    "blender": ("transforms_json", "write_blender"),
+    "bundler": ("bundler", "write_bundler"),
+    "opencv": ("opencv_yaml", "write_opencv"),
+    "kalibr": ("kalibr", "write_kalibr"),
+}
+"""Module and function that write each format, imported on use."""
 
 KNOWN_FILES = (
     "a folder of COLMAP's cameras and images, one of those files (.txt or .bin), or a file whose "
@@ -97,16 +107,25 @@ def _find_file(file: Path) -> Path:
 
 def _read(file: Path, size: tuple[int, int] | None, left_out: LeftOut) -> list[CalibratedCamera]:
     """Return the cameras of a file, or raise ``ValueError``."""
+    # A format is imported when it is read.
     if file.name in COLMAP_FILES:
+        from rasterjit.io.camera_files import colmap
+
         return colmap.read_colmap(file.parent, COLMAP_FILES[file.name], left_out)
     suffix = file.suffix.lower()
     if suffix == ".json":
+        from rasterjit.io.camera_files import transforms_json
+
         return transforms_json.read_transforms(file, size, left_out)
     if suffix == ".out":
+        from rasterjit.io.camera_files import bundler
+
         return bundler.read_bundler(file, size, left_out)
     if suffix in (".yaml", ".yml"):
+        from rasterjit.io.camera_files import kalibr, opencv_yaml, yaml_files
+
         with reading(file, "YAML"):
-            document = read_yaml(file)
+            document = yaml_files.read_yaml(file)
         if kalibr.list_names(document):
             with reading(file, kalibr.FORMAT):
                 return kalibr.read_kalibr(document, left_out)
@@ -154,7 +173,8 @@ optional
     if not listed:
         raise ValueError("cameras must not be empty")
     chosen = _choose_format(file) if format is None else one_of("format", format, CAMERA_FORMATS)
-    _WRITERS[chosen](file, listed)
+    module, writer = WRITERS[chosen]
+    getattr(import_module(f"{__name__}.{module}"), writer)(file, listed)
 
 
 def _choose_format(file: Path) -> CameraFormat:
@@ -177,24 +197,3 @@ def _check_path(path: Any) -> Path:
     if not isinstance(path, (str, os.PathLike)):
         raise ValueError(f"path must be the name of a file or folder, got {short_repr(path)}")
     return Path(path).expanduser()
-
-
-def _write_colmap(suffix: str) -> Callable[[Path, Sequence[CalibratedCamera]], None]:
-    """Return the writer of COLMAP's models with a suffix."""
-
-    def write(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
-        folder = file.parent if file.name in COLMAP_FILES else file
-        colmap.write_colmap(folder, suffix, cameras)
-
-    return write
-
-
-_WRITERS = {
-    "colmap": _write_colmap(".bin"),
-    "colmap-text": _write_colmap(".txt"),
-    "nerfstudio": transforms_json.write_transforms,
-    "blender": transforms_json.write_blender,
-    "bundler": bundler.write_bundler,
-    "opencv": opencv_yaml.write_opencv,
-    "kalibr": kalibr.write_kalibr,
-}

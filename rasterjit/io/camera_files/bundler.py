@@ -24,6 +24,7 @@ from rasterjit.io.camera_files.calibration import (
     CalibratedCamera,
     Intrinsics,
     check_any,
+    image_file_size,
     join_camera,
     lens_coefficients,
     make_lens,
@@ -33,7 +34,6 @@ from rasterjit.io.camera_files.calibration import (
     refuse_skew,
     split_camera,
 )
-from rasterjit.io.camera_files.transforms_json import image_file_size
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.arrays import Float64
 from rasterjit.scene.lens import PinholeDistortion

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import NamedTuple
@@ -33,6 +33,9 @@ EQUIDISTANT = ("k1", "k2", "k3", "k4")
 
 FLIP_YZ = scale((1.0, -1.0, -1.0))
 """OpenCV's axes of a camera to ours, and back."""
+
+IDENTITY_TOLERANCE = 1e-12
+"""By how much a pose may miss the identity and be it."""
 
 
 @suggests_replace
@@ -218,6 +221,16 @@ def refuse_skew(intrinsics: Intrinsics, file_format: str) -> None:
     refuse(is_skewed, f"it must have no skew for {file_format}, got {intrinsics.skew!r}")
 
 
+def refuse_moved(pose: Matrix | Float64, file_format: str) -> None:
+    """Raise ``ValueError`` if the first camera of a file is not where the world's origin is."""
+    is_moved = np.abs(pose - np.eye(4)).max() > IDENTITY_TOLERANCE
+    refuse(
+        bool(is_moved),
+        f"it must be where the world's origin is, x right, y down, z forward, for {file_format}, "
+        "which only holds poses from one camera to the next",
+    )
+
+
 @contextmanager
 def reading(file: Path, file_format: str) -> Iterator[None]:
     """Let errors of a reader name the file and what it was read as."""
@@ -235,3 +248,13 @@ def check_any(cameras: list[CalibratedCamera], left_out: LeftOut) -> list[Calibr
         rest = str(left_out)
         raise ValueError(f"it holds no camera{f' but what is left out: {rest}' if rest else ''}")
     return cameras
+
+
+def image_file_size(file: Path) -> tuple[int, int]:
+    """Return width and height of a picture, or raise ``ValueError``: they must be given."""
+    with suppress(OSError, ValueError):
+        from PIL import Image
+
+        with Image.open(file) as image:
+            return image.size
+    raise ValueError(f"give size: it does not tell that of its images, and {file} is no picture")

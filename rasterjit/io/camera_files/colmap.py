@@ -276,8 +276,18 @@ _TEXT_READERS = _read_text_cameras, _read_text_images
 _BINARY_READERS = _read_binary_cameras, _read_binary_images
 
 
-def write_colmap(folder: Path, suffix: str, cameras: Sequence[CalibratedCamera]) -> None:
-    """Write a model without points, ``.txt`` or ``.bin``, or raise ``ValueError``."""
+def write_binary(path: Path, cameras: Sequence[CalibratedCamera]) -> None:
+    """Write a model without points to a folder, or to that of a file, or raise ``ValueError``."""
+    _write(path, ".bin", cameras)
+
+
+def write_text(path: Path, cameras: Sequence[CalibratedCamera]) -> None:
+    """Write a model as text, as `write_binary` does."""
+    _write(path, ".txt", cameras)
+
+
+def _write(path: Path, suffix: str, cameras: Sequence[CalibratedCamera]) -> None:
+    """Write a model, ``.txt`` or ``.bin``, or raise ``ValueError``."""
     numbers: dict[Intrinsics, int] = {}
     rows, images = [], []
     for camera in cameras:
@@ -293,6 +303,7 @@ def write_colmap(folder: Path, suffix: str, cameras: Sequence[CalibratedCamera])
                 rows.append((numbers[intrinsics], intrinsics.size, *_model_of(intrinsics)))
         translation, (x, y, z, w), _ = decompose(pose)
         images.append(((w, x, y, z), translation, numbers[intrinsics], camera.name))
+    folder = path.parent if path.stem in FILES[:2] and path.suffix in (".txt", ".bin") else path
     _refuse_other_model(folder, suffix)
     folder.mkdir(exist_ok=True)
     contents = _make_text(rows, images) if suffix == ".txt" else _make_binary(rows, images)

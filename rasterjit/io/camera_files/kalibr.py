@@ -16,8 +16,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rasterjit.io.atomic_write import write_text
 from rasterjit.io.camera_files.calibration import (
     EQUIDISTANT,
@@ -30,15 +28,15 @@ from rasterjit.io.camera_files.calibration import (
     lens_coefficients,
     make_lens,
     naming,
-    refuse,
+    refuse_moved,
     refuse_skew,
     split_camera,
 )
+from rasterjit.io.camera_files.yaml_files import quote_yaml
 from rasterjit.io.gltf.json_checks import get_list, get_numbers, quote, require
 from rasterjit.io.load_warnings import LeftOut
-from rasterjit.scene.arrays import Float64
 from rasterjit.scene.lens import FisheyeLens, PinholeDistortion
-from rasterjit.scene.transforms import Matrix, compose, identity, inverse
+from rasterjit.scene.transforms import compose, identity, inverse
 from rasterjit.scene.validation import finite_array
 
 FORMAT = "Kalibr"
@@ -56,9 +54,6 @@ READ_KEYS = {
     "T_cn_cnm1", "rostopic", "cam_overlaps",
 }  # fmt: skip
 """Keys of a camera; which cameras see the same is no loss."""
-
-IDENTITY_TOLERANCE = 1e-12
-"""By how much a pose may miss the identity and be it."""
 
 
 def list_names(document: dict[str, Any]) -> list[str]:
@@ -135,20 +130,3 @@ def write_kalibr(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
             lines.append(f"  rostopic: {quote_yaml(camera.name)}")
         before = pose
     write_text(file, "\n".join([*lines, ""]))
-
-
-def refuse_moved(pose: Matrix | Float64, file_format: str) -> None:
-    """Raise ``ValueError`` if the first camera of a file is not where the world's origin is."""
-    is_moved = np.abs(pose - np.eye(4)).max() > IDENTITY_TOLERANCE
-    refuse(
-        bool(is_moved),
-        f"it must be where the world's origin is, x right, y down, z forward, for {file_format}, "
-        "which only holds poses from one camera to the next",
-    )
-
-
-def quote_yaml(text: str) -> str:
-    """Return a text as YAML's quoted one, which JSON's is."""
-    import json
-
-    return json.dumps(text)

@@ -31,10 +31,10 @@ from rasterjit.io.camera_files.calibration import (
     naming,
     reading,
     refuse,
+    refuse_moved,
     split_camera,
 )
-from rasterjit.io.camera_files.kalibr import quote_yaml, refuse_moved
-from rasterjit.io.camera_files.yaml_files import get_matrix, read_yaml
+from rasterjit.io.camera_files.yaml_files import get_matrix, quote_yaml, read_yaml
 from rasterjit.io.cameras import intrinsic_matrix
 from rasterjit.io.gltf.json_checks import get_integer, get_list
 from rasterjit.io.load_warnings import LeftOut

@@ -17,7 +17,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -31,6 +30,7 @@ from rasterjit.io.camera_files.calibration import (
     Intrinsics,
     NoLensError,
     check_any,
+    image_file_size,
     join_camera,
     lens_coefficients,
     make_lens,
@@ -122,16 +122,6 @@ def _read_frame(
     view = view_from_pose(pose, "transform_matrix")
     intrinsics = _read_intrinsics(values, size)
     return join_camera(intrinsics, transforms.compose(FLIP_YZ, view), name)
-
-
-def image_file_size(file: Path) -> tuple[int, int]:
-    """Return width and height of a picture, or raise ``ValueError``: they must be given."""
-    with suppress(OSError, ValueError):
-        from PIL import Image
-
-        with Image.open(file) as image:
-            return image.size
-    raise ValueError(f"give size: it does not tell that of its images, and {file} is no picture")
 
 
 def _read_intrinsics(values: dict[str, Any], size: tuple[int, int]) -> Intrinsics:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -73,3 +74,8 @@ def get_matrix(values: dict[str, Any], key: str) -> Float64:
     except ValueError as error:
         raise ValueError(f"{key}: {error}") from None
     return data.reshape(rows, columns)
+
+
+def quote_yaml(text: str) -> str:
+    """Return a text as YAML's quoted one, which JSON's is."""
+    return json.dumps(text)
