@@ -309,7 +309,7 @@ class CommandBuffer:
             )  # fmt: skip
             if self._steps and is_drawn[n]:
                 is_drawn[n] = self._finish_view(int(chosen[n, 1]), contents[n])
-                totals[n, batch_driver.LIT_PIXELS :] = self._white_counts
+                totals[n, batch_driver.LIT_PIXELS :] = self._white_counts * is_drawn[n]
         return totals, is_drawn.astype(np.bool_)
 
     def _finish_view(self, number: int, contents: ViewContents) -> bool:

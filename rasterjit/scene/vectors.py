@@ -1,4 +1,4 @@
-"""Products, lengths and rotations of vectors of three plain floats, summed left to right."""
+"""Products, lengths and rotations of vectors of three numbers, or arrays, summed left to right."""
 
 from __future__ import annotations
 

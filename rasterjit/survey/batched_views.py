@@ -99,7 +99,8 @@ class ViewGroup:
         with np.errstate(all="ignore"):
             crossed = np.array([cross(up, near), cross(near, right), cross(right, up)])
             weighted = crossed * planes[:, np.newaxis, :, 3]
-            return -((weighted[0] + weighted[1]) + weighted[2]).T / dot(right, crossed[0])[:, None]
+            middles = -((weighted[0] + weighted[1]) + weighted[2]) / dot(right, crossed[0])
+        return middles.T
 
     def compute_max_distance(self) -> Float64:
         """Return the distance from each eye, (N,), scene units, of the farthest point in view."""

@@ -344,7 +344,7 @@ def _is_in_cone(
 
 
 def find_reaching_lights(lights: Sequence[Light], group: ViewGroup) -> NDArray[np.bool_]:
-    """Tell whether lights without shadows reach visible objects, (N, L): as `plan_lights` does."""
+    """Tell whether lights reach visible objects, (N, L), as `plan_lights` does."""
     is_lit = np.zeros((len(group.in_view), len(lights)), np.bool_)
     for n, light in enumerate(lights):
         if light.intensity == 0.0 or not any(light.color):

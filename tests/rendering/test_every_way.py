@@ -97,10 +97,10 @@ def all_shadings(lights=()):
     return scene
 
 
-def row_of_cubes(lights):
+def row_of_cubes(lights, shadings=("phong", "gouraud", "pbr")):
     """Return cubes far apart, so that each camera of `ALONG` sees others, and other lights."""
     cube, scene = rj.load(MODELS / "cube.ply").nodes[0].mesh, rj.Scene()
-    for n, shading in enumerate(("phong", "gouraud", "pbr")):
+    for n, shading in enumerate(shadings):
         made = rj.Mesh(cube.vertices, cube.faces, material=rj.Material(shading))
         scene.add(made, PLACE((5.0 * (n - 1), 0.0, 0.0)))
     scene.lights = lights
@@ -135,7 +135,7 @@ def on_a_floor():
 def in_shadow(make_scene=on_a_floor):
     """Return objects in the shadows of lights of each kind with each filter."""
     scene = make_scene()
-    scene.lights = []
+    scene.lights = [rj.DirectionalLight((1, -1, 0), intensity=0.1)]
     for kind in ("hard", "pcf", "soft"):
         shadow = rj.Shadow(32, filter=kind, light_size=0.5 if kind == "soft" else None)
         scene.lights += [
@@ -143,6 +143,17 @@ def in_shadow(make_scene=on_a_floor):
             rj.PointLight((2, 3, 1), shadow=shadow),
             rj.SpotLight((-2, 4, 2), (1, -2, -1), shadow=shadow),
         ]
+    return scene
+
+
+def beyond_the_light():
+    """Return a cube in the sun, of which a lamp lights one side alone, that some views show."""
+    lamp = rj.SpotLight(
+        (0, 0, 3), (0, 0, -1), outer_angle=60.0, range=2.5, intensity=9.0, shadow=rj.Shadow(32)
+    )
+    sun = rj.DirectionalLight((-1, -2, 1), shadow=rj.Shadow(32))
+    scene = row_of_cubes([lamp, sun], ["flat"] * 3)
+    scene.nodes = scene.nodes[1:2]
     return scene
 
 
@@ -281,6 +292,16 @@ BATCHED_EFFECTS = {
     ),
     "shadows": case(in_shadow, outputs=LIGHT),
     "shadows of samples": case(in_shadow, quality=SAMPLES),
+    "shadows at vertices": case(
+        lambda: row_of_cubes(
+            [rj.DirectionalLight((-1, -0.05, -0.1), shadow=rj.Shadow(32))], ["gouraud"] * 5
+        ),
+        cameras=[
+            rj.PerspectiveCamera((x, 2.0, 7.0), (x, 0.0, 0.0), fov_y=fov_y)
+            for x in (-3, 0, 3, 8, 13) for fov_y in (25, 60)
+        ],
+        outputs=LIGHT,
+    ),
     "shadows under glass": case(lambda: in_shadow(glassy), outputs=LIGHT),
     "shadows of holes": case(lambda: in_shadow(holes), outputs=LIGHT),
     "nothing of glass": case(glassy, outputs=("depth", "object_id")),
@@ -306,6 +327,10 @@ ONE_BY_ONE = {
             rj.DirectionalLight((-1, -2, -1), shadow=rj.Shadow(32)),
         ]),
         cameras=ALONG, outputs=LIGHT,
+    ),
+    "shadows on one side": case(
+        beyond_the_light, outputs=LIGHT,
+        cameras=[rj.PerspectiveCamera((0.1, 0, z), (0, 0, 0)) for z in (2.2, 2.3, -4, 2.1)],
     ),
     "picture behind": case(background=np.full((44, 72, 3), 99, np.uint8)),
     "lines and points": case(lines_and_points, outputs=("color", "depth", "face_id")),

@@ -166,8 +166,8 @@ class ShadowMaps(ScreenEffect, BatchedEffect):
         self, context: FrameContext, data: maps.PlannedShadows, record: maps.ShadowRecord
     ) -> bool:
         """Fit the maps to a view and draw them; return whether all lights have theirs."""
-        drawn = self._draw(context, [(context.plan.camera, self.analyse(context))], record.texels)
-        if drawn is None or (drawn.layouts != record.layouts).any():
+        drawn = self._draw(context, [(context.plan.camera, self.analyse(context))], record)
+        if drawn is None:
             return False
         record.maps[:] = drawn.maps
         for target, values in zip(record.cells, drawn.cells, strict=True):
@@ -177,9 +177,9 @@ class ShadowMaps(ScreenEffect, BatchedEffect):
 
     @staticmethod
     def _draw(
-        context: FrameContext, seen: Views, memory: NDArray[np.float32] | None = None
+        context: FrameContext, seen: Views, record: maps.ShadowRecord | None = None
     ) -> maps.ShadowRecord | None:
-        """Return the maps, drawn into memory if there is any; ``None`` if there are none."""
+        """Return the maps, drawn into those of a record, if given; ``None`` if there are none."""
         plan, cache, placement, workers = context[:4]
         facts, arrays = plan.facts, cache.shapes.arrays
         # Objects lit at their vertices need shadows at all of them.
@@ -204,7 +204,7 @@ class ShadowMaps(ScreenEffect, BatchedEffect):
             casters, always_lit, may_be_seen, np.concatenate(cells), plan.camera, plan.size
         )
         eye = plan.camera.eye_position()
-        return maps.draw_shadows(list_mapped_lights(facts), eye, scenery, workers, memory)
+        return maps.draw_shadows(list_mapped_lights(facts), eye, scenery, workers, record)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the maps: those of a picture, with the lights as cameras."""

@@ -167,7 +167,7 @@ def draw_shadows(
     eye: Float64,
     scenery: Scenery,
     workers: Workers,
-    memory: NDArray[np.float32] | None = None,
+    record: ShadowRecord | None = None,
 ) -> ShadowRecord | None:
     """
     Draw the shadow maps of the lights that cast shadows on visible surfaces.
@@ -179,13 +179,13 @@ def draw_shadows(
     eye : (3,) float64, world space
     scenery : Scenery
     workers : Workers
-    memory : (N,) float32, optional
-        For the texels of all maps that the lights may have.
+    record : ShadowRecord, optional
+        Of `allocate_record`: its texels are written.
 
     Returns
     -------
     ShadowRecord or None
-        ``None``: no light has a map.
+        ``None``: no light has a map, or not all that the record has.
     """
     rows = np.zeros((len(lights), shadows_stage.MAP_COLUMNS))
     layouts = np.zeros((len(lights), shadows_stage.LAYOUT_COLUMNS), np.int64)
@@ -202,10 +202,11 @@ def draw_shadows(
                 part = slice(count, count + shadow.size * shadow.size)
                 drawings.append((n, k, shadow, part, matrix))
                 count = part.stop
-    if not drawings:
+    first = shadows_stage.FIRST_TEXEL
+    if not drawings or (record and (layouts[:, first] != record.layouts[:, first]).any()):
         return None
     # Draw all maps into one array, and find the occlusion limits of soft ones.
-    texels = workers.memory.empty((count,), np.float32) if memory is None else memory[:count]
+    texels = workers.memory.empty((count,), np.float32) if record is None else record.texels
     for n, _, shadow, part, matrix in drawings:
         map_texels = texels[part].reshape(shadow.size, shadow.size)
         _draw_map(matrix, rows[n], map_texels, scenery, workers)
