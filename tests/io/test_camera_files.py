@@ -10,6 +10,7 @@ import struct
 
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 
 import rasterjit as rj
@@ -417,16 +418,40 @@ def test_a_chain_of_kalibr(tmp_path):
 # Beside other programs
 
 
+NAME = 'größe \\ 猫 "🦆".png'
+
+
+@pytest.mark.parametrize("name", ["camchain.yaml", "a.yml"])
+def test_numbers_and_names_of_ours_are_those_of_plain_yaml(tmp_path, name):
+    (one,) = random_cameras(rj.PinholeDistortion(1e-5, -2e-16, 2.5e-7), count=1, at=AS_OPENCV)
+    rj.save_cameras(tmp_path / name, [dataclasses.replace(one, name=NAME)])
+    text = (tmp_path / name).read_text("utf-8").replace("%YAML:1.0", "").replace("!!opencv-", "!")
+    loader = type("Loader", (yaml.SafeLoader,), {})
+    loader.add_constructor("!matrix", lambda loader, node: loader.construct_mapping(node, True))
+    document = yaml.load(text, loader)
+    if name == "a.yml":
+        found = document["distortion_coefficients"]["data"][:4], document["image_names"][0]
+    else:
+        found = document["cam0"]["distortion_coeffs"], document["cam0"]["rostopic"]
+    assert found == ([1e-5, -2e-16, 2.5e-7, 0.0], NAME)
+    for wrong in ("\x7f", "\0", "\ud83e"):
+        with pytest.raises(ValueError, match=r"camera 'a.*': its name must have no '\\"):
+            rj.save_cameras(tmp_path / name, [dataclasses.replace(one, name=f"a{wrong}")])
+
+
 def test_opencv_reads_ours_and_we_read_its(tmp_path):
     cv2 = pytest.importorskip("cv2")
     ours = random_cameras(ALL)
+    ours[0] = dataclasses.replace(ours[0], name=NAME)
     rj.save_cameras(tmp_path / "ours.yml", ours)
+    assert rj.load_cameras(tmp_path / "ours.yml")[0].name == NAME
     storage = cv2.FileStorage(str(tmp_path / "ours.yml"), cv2.FILE_STORAGE_READ)
     k, distortion, views = (
         storage.getNode(key).mat()
         for key in ("camera_matrix", "distortion_coefficients", "extrinsic_parameters")
     )
     assert (storage.getNode("image_width").real(), storage.getNode("image_names").size()) == (W, 3)
+    assert storage.getNode("image_names").at(0).string() == NAME
     for one, view in zip(ours, views, strict=True):
         expected, _ = cv2.projectPoints(POINTS, view[:3], view[3:], k, distortion)
         np.testing.assert_allclose(one.project(POINTS), expected[:, 0] + 0.5, rtol=0, atol=1e-9)
@@ -663,6 +688,8 @@ BROKEN = [
     ("o.yml", OPENCV_FILE.replace("camera_matrix", "matrix"), "camera_matrix must be a matrix"),
     ("o.yml", OPENCV_FILE + "fisheye_model: 1\n", "must be 4 numbers, got 5"),
     ("o.yml", "image_width: [1", "while parsing"),
+    ("o.yml", "x: !!timestamp 5", "its values must be of their tags"),
+    ("o.yml", "x: !!bool 5", "its values must be of their tags"),
     ("o.yml", "- 1", "keys and values"),
     ("o.yml", "a: &a [*a]", "at most 10000000 values"),
     ("o.yml", BOMB, "at most 10000000 values"),

@@ -32,7 +32,7 @@ from rasterjit.io.camera_files.calibration import (
     refuse_skew,
     split_camera,
 )
-from rasterjit.io.camera_files.yaml_files import quote_yaml
+from rasterjit.io.camera_files.yaml_files import format_numbers, quote_yaml
 from rasterjit.io.gltf.json_checks import get_list, get_numbers, quote, require
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.lens import FisheyeLens, PinholeDistortion
@@ -115,18 +115,19 @@ def write_kalibr(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
             size, fx, fy, _, cx, cy, lens = intrinsics
             model = "equidistant" if isinstance(lens, FisheyeLens) else "radtan"
             coefficients = lens_coefficients(lens, DISTORTIONS[model][1], FORMAT)
+            name = quote_yaml(camera.name)
         lines += [
             f"cam{number}:",
             "  camera_model: pinhole",
-            f"  intrinsics: {[fx, fy, cx - 0.5, cy - 0.5]}",
+            f"  intrinsics: {format_numbers([fx, fy, cx - 0.5, cy - 0.5])}",
             f"  distortion_model: {model}",
-            f"  distortion_coeffs: {coefficients}",
+            f"  distortion_coeffs: {format_numbers(coefficients)}",
             f"  resolution: {list(size)}",
         ]
         if number:
             rows = compose(pose, inverse(before)).tolist()
-            lines += ["  T_cn_cnm1:", *(f"  - {row}" for row in rows)]
+            lines += ["  T_cn_cnm1:", *(f"  - {format_numbers(row)}" for row in rows)]
         if camera.name not in ("", f"cam{number}"):
-            lines.append(f"  rostopic: {quote_yaml(camera.name)}")
+            lines.append(f"  rostopic: {name}")
         before = pose
     write_text(file, "\n".join([*lines, ""]))

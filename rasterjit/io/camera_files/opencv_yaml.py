@@ -34,7 +34,7 @@ from rasterjit.io.camera_files.calibration import (
     refuse_moved,
     split_camera,
 )
-from rasterjit.io.camera_files.yaml_files import get_matrix, quote_yaml, read_yaml
+from rasterjit.io.camera_files.yaml_files import format_numbers, get_matrix, quote_yaml, read_yaml
 from rasterjit.io.cameras import intrinsic_matrix
 from rasterjit.io.gltf.json_checks import get_integer, get_list
 from rasterjit.io.load_warnings import LeftOut
@@ -187,12 +187,13 @@ def _rotation_vector(pose: Matrix) -> list[float]:
 
 def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     """Write a calibration of one camera in several views, or of two, or raise ``ValueError``."""
-    inner, poses = [], []
+    inner, poses, quoted = [], [], []
     for camera in cameras:
         with naming(camera):
             one, pose = split_camera(camera)
             inner.append(one)
             poses.append(pose)
+            quoted.append(quote_yaml(camera.name))
             refuse(one.size != inner[0].size, f"it must have the size of others for {FORMAT}")
             kinds = [isinstance(lens, FisheyeLens) for lens in (one.lens, inner[0].lens)]
             refuse(kinds[0] != kinds[1], f"it must have a lens as others for {FORMAT}")
@@ -220,7 +221,7 @@ def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
         lines += _format_matrix("R", step[:3, :3].tolist())
         lines += _format_matrix("T", step[:3, 3:].tolist())
     if any(camera.name for camera in cameras):
-        lines += ["image_names:", *(f"   - {quote_yaml(camera.name)}" for camera in cameras)]
+        lines += ["image_names:", *(f"   - {name}" for name in quoted)]
     write_text(file, "\n".join([*lines, ""]))
 
 
@@ -237,11 +238,11 @@ def _format_intrinsics(intrinsics: Intrinsics, matrix: str, coefficients: str) -
 
 def _format_matrix(key: str, rows: list[list[float]]) -> list[str]:
     """Return the lines of a matrix of float64, as OpenCV writes it."""
-    data = ", ".join(repr(float(value)) for row in rows for value in row)
+    data = format_numbers([float(value) for row in rows for value in row])
     return [
         f"{key}: !!opencv-matrix",
         f"   rows: {len(rows)}",
         f"   cols: {len(rows[0])}",
         "   dt: d",
-        f"   data: [ {data} ]",
+        f"   data: {data}",
     ]

@@ -21,6 +21,9 @@ FLOAT_TAG = "tag:yaml.org,2002:float"
 FLOAT = re.compile(r"(?:[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.inf|\.nan)$", re.I)
 """Numbers as YAML 1.2 has them: 1e-5 is one, which 1.1 took for a text."""
 
+UNPRINTABLE = re.compile("[^\t\n\r -~\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What texts of YAML, and OpenCV's, do not hold: control characters and lone surrogates."""
+
 
 def read_yaml(file: Path) -> dict[str, Any]:
     """Return the mapping that a YAML file is, or raise ``ValueError``."""
@@ -44,6 +47,8 @@ def read_yaml(file: Path) -> dict[str, Any]:
         document = yaml.load(text, Loader)
     except yaml.YAMLError as error:
         raise ValueError(str(error)) from None
+    except (AttributeError, LookupError):
+        raise ValueError("its values must be of their tags, such as !!timestamp") from None
     if _count_values(document, {}) > MAX_VALUES:
         raise ValueError(f"it must hold at most {MAX_VALUES} values")
     if not isinstance(document, dict):
@@ -77,5 +82,13 @@ def get_matrix(values: dict[str, Any], key: str) -> Float64:
 
 
 def quote_yaml(text: str) -> str:
-    """Return a text as YAML's quoted one, which JSON's is."""
-    return json.dumps(text)
+    """Return a text as YAML's quoted one, as JSON's is, or raise ``ValueError``."""
+    if found := UNPRINTABLE.search(text):
+        raise ValueError(f"its name must have no {found[0]!r}, which YAML cannot hold")
+    # OpenCV reads no escapes such as \u1234.
+    return json.dumps(text, ensure_ascii=False)
+
+
+def format_numbers(values: list[Any]) -> str:
+    """Return numbers, or lists of them, as YAML has them; in YAML 1.1 all floats have a point."""
+    return re.sub(r"(?<![.\d])(\d+)e", r"\1.0e", str(values))
