@@ -124,8 +124,9 @@ def write_models(
     Warns
     -----
     SaveWarning
-        Naming what a PLY file of BOP has no place for: colours of faces, which become their mean
-        at each vertex; skins, morph targets and attributes.
+        Naming what a PLY file of BOP has no place for: colours of vertices beside a texture, and
+        how that is repeated; colours of faces, which become their mean at each vertex; skins, morph
+        targets and attributes.
 
     Notes
     -----
@@ -418,31 +419,38 @@ def _write_ply(path: Path, name: int, mesh: Mesh) -> None:
     """Write a model as text PLY, and its texture beside it."""
     import trimesh
 
+    texture = mesh.material.base_color_texture
+    uv = None if texture is None else mesh.uv_sets[texture.uv_set]
     rest = {
         "skins": mesh.joints is not None, "morph targets": mesh.morph_targets is not None,
         "colours of faces": mesh.face_colors is not None,
         "attributes": bool(mesh.vertex_attributes or mesh.face_attributes),
     }  # fmt: skip
+    visual: dict[str, Any] = {}
+    if texture is None or uv is None:
+        visual["vertex_colors"] = quantize(_color_rows(mesh), "srgb")[0]
+    else:
+        rest["colours of vertices"] = mesh.shown_vertex_colors() is not None
+        rest["how the texture is repeated"] = texture.wrap != ("repeat", "repeat")
+        if texture.transform is not None:
+            (a, b, x, c, d, y), (u, v) = texture.transform, uv.T
+            uv = np.column_stack([a * u + b * v + x, c * u + d * v + y])
+        visual["visual"] = trimesh.visual.TextureVisuals(uv=uv)
     if any(rest.values()):
         listed = ", ".join(kind for kind, is_there in rest.items() if is_there)
         warn_caller(f"models[{name}]: a PLY file of BOP has no place for {listed}", SaveWarning)
-    texture = None if mesh.uv is None else mesh.material.base_color_texture
-    visual: dict[str, Any] = {}
-    if texture is None:
-        visual["vertex_colors"] = quantize(_color_rows(mesh), "srgb")[0]
-    else:
-        visual["visual"] = trimesh.visual.TextureVisuals(uv=mesh.uv)
     written = trimesh.Trimesh(
         mesh.vertices, mesh.faces, vertex_normals=mesh.vertex_normals(), process=False, **visual
     )
     text = trimesh.exchange.ply.export_ply(written, encoding="ascii", vertex_normal=True).decode()
-    if texture is not None:
+    if texture is not None and uv is not None:
         header, end, rows = text.partition("end_header\n")
         for old, new in TEXTURE_COORDINATES.items():
             header = re.sub(rf"property \w+ {old}\n", f"property float {new}\n", header)
         picture = path.with_suffix(".png")
+        tint = np.array(mesh.material.base_color_over(True), np.float32)
         header = header.replace("1.0\n", f"1.0\ncomment TextureFile {picture.name}\n", 1)
-        picture.write_bytes(encode_png(quantize(texture.image, "srgb")[0]))
+        picture.write_bytes(encode_png(quantize(texture.image * tint, "srgb")[0]))
         text = header + end + rows
     path.write_text(text, "ascii")
 

@@ -242,21 +242,30 @@ def test_models_have_colours_textures_diameters_and_symmetries(tmp_path):
     random = np.random.default_rng(3)
     codes = random.integers(0, 256, (4, 3), dtype=np.uint8)
     texture = rj.Texture(random.integers(0, 256, (4, 8, 3), dtype=np.uint8))
+    moved = texture.with_uv_set(1).with_transform(offset=(0.5, 0.25), rotation=30.0, scale=(2, 3))
     points = random.normal(size=(300, 3)) * (5.0, 4.0, 4.5)
     models = {
         1: quad(colors=codes),
         4: quad(uv=random.random((4, 2)), material=rj.Material(base_color_texture=texture)),
         2: rj.Mesh(points, random.integers(0, 300, (200, 3))),
         3: quad(material=rj.Material(base_color="#336699")),
-    }
+        5: quad(uv1=random.random((4, 2)), material=rj.Material(
+            base_color=(1.0, 0.5, 0.0), base_color_texture=moved
+        )),
+    }  # fmt: skip
     turn = {"symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]}
     bop.write_models(tmp_path / "models", models, {1: turn})
     read = bop.read_models(tmp_path / "models")
-    assert list(read) == [1, 2, 3, 4]
+    assert list(read) == [1, 2, 3, 4, 5]
     assert read[1].info.items() >= turn.items()
     assert np.array_equal(read[1].mesh.vertex_colors, models[1].vertex_colors)
     assert np.array_equal(read[4].mesh.material.base_color_texture.image, texture.image)
     assert np.allclose(read[4].mesh.uv, models[4].uv, atol=1e-7)
+    tinted = read[5].mesh.material.base_color_texture.image
+    assert np.allclose(tinted, texture.image * np.float32((1.0, 0.5, 0.0, 1.0)), atol=0.005)
+    sine, cosine = 0.5, np.sqrt(0.75)
+    expected = models[5].uv1 * (2.0, 3.0) @ [(cosine, sine), (-sine, cosine)] + (0.5, 0.25)
+    assert np.allclose(read[5].mesh.uv, expected, atol=1e-6)
     expected = rj.Material(base_color="#336699").base_color
     assert np.allclose(read[3].mesh.vertex_colors, expected, atol=1e-6)
     for number, model in read.items():
@@ -272,6 +281,14 @@ def test_models_have_colours_textures_diameters_and_symmetries(tmp_path):
 def test_what_a_model_has_no_place_for_is_named(tmp_path):
     mesh = quad(colors=np.uint8([(255, 0, 0), (0, 0, 255)]), attributes={"heat": np.ones((4, 1))})
     with pytest.warns(rj.SaveWarning, match=r"models\[5\].* colours of faces, attributes"):
+        bop.write_models(tmp_path / "models", {5: mesh})
+    texture = rj.Texture(np.full((2, 2, 3), 200, np.uint8), wrap="clamp")
+    mesh = quad(
+        colors=np.zeros((4, 3)),
+        uv=np.ones((4, 2)),
+        material=rj.Material(base_color_texture=texture),
+    )
+    with pytest.warns(rj.SaveWarning, match="colours of vertices, how the texture is repeated$"):
         bop.write_models(tmp_path / "models", {5: mesh})
 
 
