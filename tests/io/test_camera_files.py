@@ -345,18 +345,29 @@ def test_a_calibration_of_opencv_2(tmp_path):
     assert one.project((0.4, 0.2, 4.0)) == pytest.approx(other.project((0.4, 0.2, 4.0)))
 
 
+TURN = matrix(3, 3, *np.eye(3).ravel().tolist())
+
+
+def stereo(turn, move):
+    return f"imageSize: [640, 480]\nM1: {K}M2: {K}R: {turn}T: {move}"
+
+
 @pytest.mark.parametrize("parts", [1, 2])
 def test_a_stereo_pair_of_opencv(tmp_path, parts):
     """The second camera is 0.1 to the right of the first: what is 2 ahead moves 25 pixels left."""
-    none, turn = matrix(1, 5, *[0.0] * 5), matrix(3, 3, *np.eye(3).ravel().tolist())
+    none = matrix(1, 5, *[0.0] * 5)
     inner = f"%YAML:1.0\n---\nM1: {K}D1: {none}M2: {K}D2: {none}"
-    outer = f"R: {turn}T: {matrix(3, 1, -0.1, 0.0, 0.0)}"
+    outer = f"R: {TURN}T: {matrix(3, 1, -0.1, 0.0, 0.0)}"
     if parts == 2:
         (tmp_path / "extrinsics.yml").write_text(f"%YAML:1.0\n---\n{outer}")
     (tmp_path / "intrinsics.yml").write_text(inner + outer * (parts == 1))
     left, right = rj.load_cameras(tmp_path / "intrinsics.yml", size=SIZE)
     assert left.project((0.0, 0.0, 2.0)) == pytest.approx((320, 240), abs=1e-9)
     assert right.project((0.0, 0.0, 2.0)) == pytest.approx((295, 240), abs=1e-9)
+    name = "extrinsics.yml" if parts == 2 else "intrinsics.yml"
+    (tmp_path / name).write_text((tmp_path / name).read_text().replace("T: ", "t: "))
+    with pytest.raises(ValueError, match=rf"{name} could not be read as OpenCV's YAML: T must be"):
+        rj.load_cameras(tmp_path / "intrinsics.yml", size=SIZE)
 
 
 def test_a_camera_of_ros(tmp_path):
@@ -569,9 +580,10 @@ def test_models_of_other_files_without_a_lens_are_left_out(tmp_path):
     with pytest.warns(rj.LoadWarning, match=r"FISHEYE624' \(1\).*k4, of the eighth power, = 0\.1"):
         assert len(rj.load_cameras(path)) == 1
     chain = CHAIN.replace("pinhole", "omni", 1).replace("  timeshift_cam_imu: 0.01\n", "")
+    chain = chain.replace("equidistant", "[1]")
     (tmp_path / "camchain.yaml").write_text(chain)
-    with pytest.warns(rj.LoadWarning, match="left out camera without a lens here, .*'omni'"):
-        _, third = rj.load_cameras(tmp_path / "camchain.yaml")
+    with pytest.warns(rj.LoadWarning, match=r"a lens here, .*'omni'.*distortion_model \[1\]"):
+        (third,) = rj.load_cameras(tmp_path / "camchain.yaml")
     assert third.project((0.2, 0.1, 2.0)) == pytest.approx((320, 260), abs=1e-9)
 
 
@@ -672,6 +684,10 @@ BROKEN = [
     ("t.json", json.dumps({"w": 6, "h": 4, "fl_x": math.nan, "frames": [frame()]}), "fl_x.*finite"),
     ("t.json", json.dumps({"w": 6, "h": 4, "fl_x": 5, "frames": [frame(pose=MIRRORED)]}),
      "frame 0: transform_matrix must hold a rotation"),
+    ("t.json", json.dumps({"w": 6, "h": 0, "frames": [frame()]}), "frame 0: w and h must be"),
+    ("t.json", json.dumps({"w": 6, "h": 4, "camera_angle_x": 4, "frames": [frame()]}),
+     "frame 0: camera_angle_x must be above 0"),
+    ("t.json", json.dumps({"w": 6, "h": 4, "y_fov": 0, "frames": [frame()]}), "0: y_fov must be"),
     ("b.out", "hello", "its first line must be"),
     ("b.out", BUNDLE.replace("2 1", "3 1"), "must have 3 cameras, got 41 numbers"),
     ("b.out", BUNDLE.replace("2 1", "9 1"), "must have 9 cameras"),
@@ -686,6 +702,11 @@ BROKEN = [
     ("o.yml", OPENCV_FILE.replace("500.0", "-500.0"), "focal lengths above 0"),
     ("o.yml", OPENCV_FILE.replace("image_height: 480\n", ""), "image_height is missing"),
     ("o.yml", OPENCV_FILE.replace("camera_matrix", "matrix"), "camera_matrix must be a matrix"),
+    ("o.yml", OPENCV_FILE.replace("480", "0"), "image_width and image_height must be"),
+    ("o.yml", "imageSize: [3]", r"imageSize must be \(width, height\)"),
+    ("o.yml", stereo(TURN, matrix(1, 1, 5)), r"T must have 3 numbers, got shape \(1, 1\)"),
+    ("o.yml", stereo(TURN, matrix(4, 1, 5, 0, 0, 1)), "T must have 3 numbers"),
+    ("o.yml", stereo(matrix(1, 1, 1), matrix(3, 1, 5, 0, 0)), r"R must have shape \(3, 3\)"),
     ("o.yml", OPENCV_FILE + "fisheye_model: 1\n", "must be 4 numbers, got 5"),
     ("o.yml", "image_width: [1", "while parsing"),
     ("o.yml", "x: !!timestamp 5", "its values must be of their tags"),
@@ -695,7 +716,7 @@ BROKEN = [
     ("o.yml", BOMB, "at most 10000000 values"),
     ("o.yml", "[" * 3000, "recursion"),
     ("camchain.yaml", CHAIN.replace("  T_cn_cnm1:\n", "  T:\n"), "cam1: T_cn_cnm1 is missing"),
-    ("camchain.yaml", CHAIN.replace("[640, 480]", "[640]"), "cam0: size must be"),
+    ("camchain.yaml", CHAIN.replace("[640, 480]", "[640]"), "cam0: resolution must be"),
     ("camchain.yaml", CHAIN.replace("239.5", "no"), "cam0: intrinsics must be 4 finite"),
     ("camchain.yaml", "cam0: 1", "cam0: it must have keys"),
 ]  # fmt: skip

@@ -37,7 +37,7 @@ from rasterjit.io.gltf.json_checks import get_list, get_numbers, quote, require
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.lens import FisheyeLens, PinholeDistortion
 from rasterjit.scene.transforms import compose, identity, inverse
-from rasterjit.scene.validation import finite_array
+from rasterjit.scene.validation import finite_array, image_size
 
 FORMAT = "Kalibr"
 
@@ -92,15 +92,15 @@ def _read_intrinsics(values: dict[str, Any]) -> Intrinsics:
     model, distortion = require(values, "camera_model"), values.get("distortion_model", "none")
     if model != "pinhole":
         raise NoLensError(f"camera_model {model!r}")
-    if distortion not in DISTORTIONS:
+    if distortion not in tuple(DISTORTIONS):
         raise NoLensError(f"distortion_model {distortion!r}")
     kind, names = DISTORTIONS[distortion]
     require(values, "intrinsics")
     fx, fy, cx, cy = get_numbers(values, "intrinsics", (0.0,) * 4)
     coefficients = get_numbers(values, "distortion_coeffs", (0.0,) * len(names)) if names else ()
-    size = tuple(get_list(values, "resolution"))
+    size = image_size("resolution", get_list(values, "resolution"))
     lens = make_lens(kind, names, coefficients, f"distortion_model {distortion!r}")
-    return Intrinsics(size, fx, fy, 0.0, cx + 0.5, cy + 0.5, lens)  # type: ignore[arg-type]
+    return Intrinsics(size, fx, fy, 0.0, cx + 0.5, cy + 0.5, lens)
 
 
 def write_kalibr(file: Path, cameras: Sequence[CalibratedCamera]) -> None:

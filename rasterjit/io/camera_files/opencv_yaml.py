@@ -49,6 +49,7 @@ from rasterjit.scene.transforms import (
     inverse,
     rotate,
 )
+from rasterjit.scene.validation import image_size
 from rasterjit.scene.vectors import length
 
 FORMAT = "OpenCV's YAML"
@@ -85,10 +86,10 @@ def read_opencv(
     lower = {key: str(key).lower() for key in document}
     document = {lower[key] if lower[key] in READ_KEYS else key: document[key] for key in document}
     if "image_width" in document:
-        size = get_integer(document, "image_width"), get_integer(document, "image_height")
+        sides = get_integer(document, "image_width"), get_integer(document, "image_height")
+        size = image_size("image_width and image_height", sides)
     elif "imageSize" in document:
-        width, height = get_list(document, "imageSize")
-        size = width, height
+        size = image_size("imageSize", get_list(document, "imageSize"))
     if size is None:
         raise ValueError("give size: it does not tell that of its images")
     for key in document.keys() - READ_KEYS:
@@ -158,7 +159,18 @@ def _read_stereo_pose(file: Path, document: dict[str, Any], left_out: LeftOut) -
             document = read_yaml(other)
             for key in document.keys() - {"R", "T"}:
                 left_out.note(str(key))
-    return _make_pose(get_matrix(document, "R"), get_matrix(document, "T").ravel())
+            return _join_stereo_pose(document)
+    return _join_stereo_pose(document)
+
+
+def _join_stereo_pose(document: dict[str, Any]) -> Matrix:
+    """Return the pose of R and T, or raise ``ValueError``."""
+    rotation, translation = get_matrix(document, "R"), get_matrix(document, "T")
+    if rotation.shape != (3, 3) and rotation.size != 3:
+        raise ValueError(f"R must have shape (3, 3) or 3 numbers, got {rotation.shape}")
+    if translation.size != 3:
+        raise ValueError(f"T must have 3 numbers, got shape {translation.shape}")
+    return _make_pose(rotation, translation.ravel())
 
 
 def _make_pose(rotation: Float64, translation: Float64) -> Matrix:

@@ -46,6 +46,7 @@ from rasterjit.io.gltf.json_checks import get_integer, get_list, get_number, get
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene import transforms
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
+from rasterjit.scene.validation import image_size
 
 FORMAT = "transforms.json"
 BLENDER = "Blender's JSON"
@@ -111,7 +112,7 @@ def _read_frame(
     if "fl_x" not in values and not PurePosixPath(name).suffix:
         name += DEFAULT_SUFFIX
     if "w" in values or "h" in values:
-        size = get_integer(values, "w"), get_integer(values, "h")
+        size = image_size("w and h", (get_integer(values, "w"), get_integer(values, "h")))
     elif size is None:
         size = image_file_size(folder / name)
     rows = get_list(values, "transform_matrix")
@@ -156,15 +157,18 @@ def _read_intrinsics(values: dict[str, Any], size: tuple[int, int]) -> Intrinsic
 
 def _read_focal(values: dict[str, Any], axis: str, side: int) -> float | None:
     """Return the focal length of an axis, pixels, or ``None`` if there is none."""
-    if f"{axis}_fov" in values:
-        angle = get_number(values, f"{axis}_fov")
+    if (key := f"{axis}_fov") in values:
+        angle = get_number(values, key)
     elif f"fl_{axis}" in values:
         return get_number(values, f"fl_{axis}")
-    elif f"camera_angle_{axis}" in values:
-        angle = math.degrees(get_number(values, f"camera_angle_{axis}"))
+    elif (key := f"camera_angle_{axis}") in values:
+        angle = math.degrees(get_number(values, key))
     else:
         return None
-    return transforms.focal_length(angle) * side / 2.0
+    try:
+        return transforms.focal_length(angle) * side / 2.0
+    except ValueError as error:
+        raise ValueError(str(error).replace("fov_y", key)) from None
 
 
 def write_transforms(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
