@@ -34,7 +34,6 @@ from rasterjit.io.text.stl import read_stl
 from rasterjit.io.text.xyz import XYZ_FORMATS, read_xyz
 from rasterjit.io.threemf.scene import load_3mf
 from rasterjit.io.trimesh.scene import TrimeshAdapter
-from rasterjit.io.urdf import RobotRecord, build_robot
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
@@ -289,7 +288,8 @@ def _load(
         from rasterjit.io.foreign.readers import read_file
 
         data = read_file(file, resources, on_invalid, on_damage, left_out)
-    if isinstance(data, RobotRecord):
+    if extension == "urdf":
+        from rasterjit.io.urdf import build_robot
 
         def load_part(path: Path, root: Path) -> Scene:
             """Load a mesh file that the robot names."""

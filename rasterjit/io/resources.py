@@ -197,6 +197,12 @@ class RobotResources(Resources):
     ----------
     path, root, budget, decoder
         As of `Resources`.
+
+    Attributes
+    ----------
+    renamed : dict of str to None
+        Packages, in quotes, that were not found, and in whose place the folder of the file, or the
+        one above it, had what is named.
     """
 
     def __init__(
@@ -207,6 +213,7 @@ class RobotResources(Resources):
         decoder: Decoder | None = None,
     ) -> None:
         super().__init__(path, root, budget, decoder)
+        self.renamed: dict[str, None] = {}
         self._is_limited = root is not None
         folder = Path(os.path.realpath(self.folder))
         self._folders = (folder, *folder.parents[:_MAX_MANIFEST_PARENTS])
@@ -222,9 +229,9 @@ class RobotResources(Resources):
         name : str
             ``package://NAME/path`` or ``model://NAME/path``: of the package that the file is in, of
             one in or beside a folder above, of one in ``ROS_PACKAGE_PATH`` or
-            ``AMENT_PREFIX_PATH``, or else in the place of the package the folder of the file or the
-            one above it. A path relative to these two. An absolute path, also with ``file://``, in
-            what is allowed.
+            ``AMENT_PREFIX_PATH``, or, where no folder of that name is a package, the folder of the
+            file or the one above it. A path relative to these two. An absolute path, also with
+            ``file://``, in what is allowed.
 
         Raises
         ------
@@ -238,15 +245,18 @@ class RobotResources(Resources):
             raise RefusedFileError(f"{label} is no name of a file")
         folders = self._folders[:2]
         beside = [(one, self.root) for one in folders if one.is_relative_to(self.root)]
-        missing = "it is missing"
+        missing, package, roots = "it is missing", "", list[Path]()
         if match := _PACKAGE.fullmatch(slashed):
-            roots, slashed = self._list_package_folders(match[1]), match[2].lstrip("/")
+            package, slashed = quote_name(match[1]), match[2].lstrip("/")
+            roots = self._list_package_folders(match[1])
             if not roots:
                 missing = (
-                    f"there is no package {quote_name(match[1])} above or beside the file, in "
+                    f"there is no package {package} above or beside the file, in "
                     "ROS_PACKAGE_PATH or in AMENT_PREFIX_PATH"
                 )
             # Folders of packages are often renamed.
+            if any(map(_has_manifest, roots)):
+                missing, beside = f"it is missing in the package {package}", []
             beside = [*((root, root) for root in roots), *beside]
         elif _SCHEME.match(slashed) and not _DRIVE.match(slashed):
             raise RefusedFileError(f"{label} is not a file on this machine")
@@ -258,6 +268,8 @@ class RobotResources(Resources):
                 refused = refused or error
                 continue
             if path.is_file():
+                if package and folder not in roots:
+                    self.renamed[package] = None
                 return path, self.root if self._is_limited else root
         if refused is not None:
             raise refused
@@ -290,9 +302,14 @@ class RobotResources(Resources):
 def _find_model_folder(folder: Path) -> Path | None:
     """Return the nearest folder, this one or a parent, with a manifest; None without one."""
     for one in (folder, *folder.parents[:_MAX_MANIFEST_PARENTS]):
-        if one.parent != one and any(_is_regular(one / manifest) for manifest in _MANIFESTS):
+        if one.parent != one and _has_manifest(one):
             return one
     return None
+
+
+def _has_manifest(folder: Path) -> bool:
+    """Tell whether a folder is a model or a package."""
+    return any(_is_regular(folder / manifest) for manifest in _MANIFESTS)
 
 
 def _is_regular(path: Path) -> bool:

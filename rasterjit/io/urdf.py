@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -59,7 +60,7 @@ _KNOWN = {
 }  # fmt: skip
 """Elements that are read, or say how a joint is driven, by what they are in."""
 
-_MESH_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']\s*([0-9.eE+-]+)")
+_MESH_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)")
 """The unit in the header of a COLLADA file, metres."""
 
 _MESH_HEADER_BYTES = 1 << 16
@@ -257,9 +258,12 @@ def _convert_visual(link: str, visual: Any, material: Any) -> VisualRecord:
         size = np.broadcast_to(1.0 if scale is None else scale, 3)
     numbers = tuple(map(float, size))
     expected = {"box": 3, "cylinder": 2, "sphere": 1, "mesh": 3}[shape]
-    is_valid = shape == "mesh" or min(numbers, default=0.0) >= 0.0
-    if len(numbers) != expected or not np.isfinite(numbers).all() or not is_valid:
-        raise ValueError(f"a {shape} of link {link!r} must have {expected} sizes, got {numbers}")
+    is_valid = len(numbers) == expected and np.isfinite(numbers).all()
+    # Boxes and cylinders may be flat.
+    is_valid = is_valid and (shape == "mesh" or min(numbers) >= 0.0)
+    if not is_valid or (shape in ("cylinder", "sphere") and not numbers[0]):
+        kind = "factors" if shape == "mesh" else "sizes, none below 0 and no radius of 0"
+        raise ValueError(f"a {shape} of link {link!r} must have {expected} {kind}, got {numbers}")
     color = None if material is None else material.color
     rgba = None if color is None else tuple(map(float, color.rgba))
     if rgba is not None and (len(rgba) != 4 or not np.isfinite(rgba).all()):
@@ -288,11 +292,14 @@ def _convert_joint(joint: Any, left_out: LeftOut) -> JointRecord:
         # Where one is missing it is 0; who gives neither means none.
         if limit.lower is not None or limit.upper is not None:
             limits = float(limit.lower or 0.0), float(limit.upper or 0.0)
-        if limits is not None and not limits[0] <= limits[1]:
-            left_out.note(f"limits {limits[0]:g}..{limits[1]:g} of the joint {joint.name!r}")
+        low, high = (0.0, 0.0) if limits is None else limits
+        if not low <= high or math.inf in (math.degrees(low), -math.degrees(high)):
+            left_out.note(f"limits {low:g}..{high:g} of the joint {joint.name!r}")
             limits = None
     mimic = joint.mimic
     follows = None if mimic is None else (mimic.joint, mimic.multiplier, mimic.offset)
+    if follows is not None and not np.isfinite(follows[1:]).all():
+        raise ValueError(f"joint {joint.name!r}: its mimic must have finite numbers, got {follows}")
     origin = _check_origin(joint.origin, f"joint {joint.name!r}")
     return JointRecord(
         joint.name, joint.type, joint.parent, joint.child, origin, axis, limits, follows
@@ -373,11 +380,32 @@ def build_robot(
         If mesh files cannot be found or read and ``on_damage`` is ``"error"``, or nothing is left.
     """
     context.take("its links", _NODE_MEMORY * len(record.links))
-    nodes = {name: Node(name=name) for name in record.links}
+    scene, nodes = Scene(), {name: Node(name=name) for name in record.links}
+    with _naming(context.source, "its links"):
+        _hang_links(record, nodes, scene, context.source)
+    _VisualsBuilder(context, resources, load_part).add(record.visuals, nodes, scene, on_damage)
+    return scene
+
+
+@contextmanager
+def _naming(source: str, label: str) -> Iterator[None]:
+    """Name the file and a part of the robot in errors about what the part is made of."""
+    try:
+        yield
+    except MeshFileError:
+        raise
+    except ValueError as error:
+        raise MeshFileError(
+            f"{source} could not be read as .urdf: {label}: {reason_of(error)}"
+        ) from error
+
+
+def _hang_links(record: RobotRecord, nodes: dict[str, Node], scene: Scene, source: str) -> None:
+    """Add nodes of links to a scene, below one another, and its joints."""
     for one in record.joints:
         nodes[one.child].transform = one.origin
     # Nodes that carry nothing yet move at once; those above come first.
-    joints, scene = _make_joints(record, nodes), Scene()
+    joints = _make_joints(record, nodes, source)
     below: dict[str, list[str]] = {name: [] for name in record.links}
     for one in record.joints:
         below[one.parent].append(one.child)
@@ -391,11 +419,9 @@ def build_robot(
         pending += below[name]
     for name, joint in joints.items():
         scene.joints.add(name, joint)
-    _VisualsBuilder(context, resources, load_part).add(record.visuals, nodes, scene, on_damage)
-    return scene
 
 
-def _make_joints(record: RobotRecord, nodes: dict[str, Node]) -> dict[str, Joint]:
+def _make_joints(record: RobotRecord, nodes: dict[str, Node], source: str) -> dict[str, Joint]:
     """Return the joints that one number moves."""
     records = {one.name: one for one in record.joints if one.kind in JOINT_KINDS}
     joints: dict[str, Joint] = {}
@@ -417,7 +443,8 @@ def _make_joints(record: RobotRecord, nodes: dict[str, Node]) -> dict[str, Joint
         while chain and (mimic := records[chain[-1]].mimic) and mimic[0] not in joints:
             chain.append(mimic[0])
         for link in reversed(chain):
-            joints[link] = make(records[link])
+            with _naming(source, f"joint {link!r}"):
+                joints[link] = make(records[link])
     return {name: joints[name] for name in records}
 
 
@@ -435,23 +462,17 @@ class _VisualsBuilder:
         self._shapes: dict[tuple[Any, ...], Mesh] = {}
         self._painted: dict[tuple[int, int], Mesh] = {}
         self._materials: dict[tuple[Any, ...], Material] = {}
+        self._counts: dict[str, int] = {}
         self._unread: dict[str, str] = {}
 
     def add(
         self, visuals: list[VisualRecord], nodes: dict[str, Node], scene: Scene, on_damage: str
     ) -> None:
         """Add the meshes of all visuals to a scene, below the nodes of their links."""
-        counts = dict.fromkeys(nodes, 0)
-        for visual in visuals:
-            material = self._get_material(visual)
-            for mesh, shape_from_mesh in self._make_parts(visual):
-                self._context.take(f"a place of link {visual.link[:80]!r}", _NODE_MEMORY)
-                counts[visual.link] += 1
-                scene.add(
-                    self._paint(mesh, material), compose(visual.origin, shape_from_mesh),
-                    f"{visual.link}/{counts[visual.link]}", parent=nodes[visual.link],
-                )  # fmt: skip
         source, left_out = self._context.source, self._context.left_out
+        for visual in visuals:
+            with _naming(source, f"a {visual.shape} of link {visual.link!r}"):
+                self._add_visual(visual, nodes[visual.link], scene)
         if self._unread and on_damage == "error":
             names = list(self._unread)
             listed = "; ".join(f"{name}: {self._unread[name]}" for name in names[:MAX_LISTED_KINDS])
@@ -462,9 +483,20 @@ class _VisualsBuilder:
             )
         for name, reason in self._unread.items():
             left_out.note(f"mesh {name}", reason=f": {reason}")
+        for name in self._resources.renamed:
+            left_out.note(f"package {name}", reason=", in whose place the file's folder is taken")
         if not scene.nodes:
             notes = f" ({left_out})" if str(left_out) else ""
             raise MeshFileError(f"{source} holds no visual to draw{notes}")
+
+    def _add_visual(self, visual: VisualRecord, node: Node, scene: Scene) -> None:
+        """Add the meshes of a visual to a scene, below the node of its link."""
+        material = self._get_material(visual)
+        for mesh, shape_from_mesh in self._make_parts(visual):
+            self._context.take(f"a place of link {visual.link[:80]!r}", _NODE_MEMORY)
+            count = self._counts[visual.link] = self._counts.get(visual.link, 0) + 1
+            place = compose(visual.origin, shape_from_mesh)
+            scene.add(self._paint(mesh, material), place, f"{visual.link}/{count}", parent=node)
 
     def _make_parts(self, visual: VisualRecord) -> list[tuple[Mesh, NDArray[np.float64]]]:
         """Return the meshes of a visual, and where each stands in it."""
@@ -486,6 +518,7 @@ class _VisualsBuilder:
             if extension_of(path) == "urdf":
                 raise ValueError("a robot is no mesh")
             part = self._load_part(path, root).posed()
+            unit = np.diag([*[_read_unit(path)] * 3, 1.0])
         except ValueError as error:
             if self._context.budget is not None:
                 self._context.budget.check()
@@ -495,7 +528,6 @@ class _VisualsBuilder:
             left_out.note(f"{type(light).__name__} of a mesh file")
         if part.camera is not None:
             left_out.note("camera of a mesh file")
-        unit = np.diag([*[_read_unit(path)] * 3, 1.0])
         return [(node.mesh, compose(unit, node.world_matrix)) for node in part.nodes]
 
     def _get_material(self, visual: VisualRecord) -> Material | None:
@@ -544,14 +576,15 @@ def _make_shape(shape: str, size: tuple[float, ...]) -> Mesh:
     """Return a box, a cylinder along z or a ball, about the origin."""
     from trimesh import creation
 
-    if shape == "box":
-        made = creation.box(size)
-    elif shape == "cylinder":
-        radius, height = size
-        made = creation.cylinder(radius, height, sections=_SECTIONS)
-    else:
-        made = creation.icosphere(_SUBDIVISIONS, size[0])
-    return Mesh(made.vertices, made.faces).split_creases()
+    with np.errstate(all="ignore"):
+        if shape == "box":
+            made = creation.box(size)
+        elif shape == "cylinder":
+            radius, height = size
+            made = creation.cylinder(radius, height, sections=_SECTIONS)
+        else:
+            made = creation.icosphere(_SUBDIVISIONS, size[0])
+        return Mesh(made.vertices, made.faces).split_creases()
 
 
 def _read_unit(path: Path) -> float:
@@ -561,4 +594,6 @@ def _read_unit(path: Path) -> float:
     with path.open("rb") as opened:
         match = _MESH_UNIT.search(opened.read(_MESH_HEADER_BYTES))
     unit = float(match[1]) if match else 1.0
-    return unit if 0.0 < unit < math.inf else 1.0
+    if not 0.0 < unit < math.inf:
+        raise ValueError(f"its unit must be above 0, got {unit:g}")
+    return unit

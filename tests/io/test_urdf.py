@@ -6,6 +6,8 @@ import copy
 import logging
 import os
 import pickle
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -130,15 +132,18 @@ def test_limits_and_kinds_are_checked_naming_joint_value_and_limits():
 
 
 def test_limits_that_are_missing_or_swapped_do_not_hold(tmp_path):
-    limits = ["", '<limit effort="1"/>', '<limit lower="1" upper="-1"/>', '<limit upper="1"/>']
-    names = [f"j{number}" for number in range(4)]
+    limits = ["", '<limit effort="1"/>', '<limit lower="1" upper="-1"/>', '<limit upper="1"/>',
+              '<limit lower="1e308" upper="inf"/>']  # fmt: skip
+    names = [f"j{number}" for number in range(5)]
     elements = [
         joint(name, "base", name, content=one) for name, one in zip(names, limits, strict=True)
     ]
-    with pytest.warns(LoadWarning, match=r"limits 1\.\.-1 of the joint 'j2'"):
+    with pytest.warns(
+        LoadWarning, match=r"limits 1\.\.-1 of the joint 'j2' .*inf of the joint 'j4'"
+    ):
         joints = load(tmp_path, link("base"), *map(link, names), *elements).joints
     none = (-np.inf, np.inf)
-    assert [joints[name].limits for name in names] == [none, none, none, (0, np.degrees(1.0))]
+    assert [joints[name].limits for name in names] == [none, none, none, (0, np.degrees(1.0)), none]
 
 
 def test_copies_of_a_robot_move_by_themselves(tmp_path):
@@ -215,6 +220,13 @@ def test_the_unit_of_a_collada_file_holds_and_its_upward_axis_does_not(tmp_path)
     (tmp_path / "a.dae").write_text(f'{head}<unit name="mm" meter="0.001"/><up_axis>{tail}')
     low, high = load(tmp_path, link("a", mesh_of("a.dae", 'scale="2 2 2"'))).bounds()
     np.testing.assert_allclose(high - low, (0.002, 0.004, 0.006))
+    for unit in ("1e", "0", "-1", "one"):
+        (tmp_path / "a.dae").write_text(f'{head}<unit meter="{unit}"/><up_axis>{tail}')
+        file = write(tmp_path, link("a", mesh_of("a.dae") + BOX))
+        with pytest.raises(MeshFileError, match=r"a\.urdf names meshes .*'a\.dae': .*(unit|float)"):
+            rj.load(file)
+        with pytest.warns(LoadWarning, match=r"mesh 'a\.dae'"):
+            assert len(rj.load(file, on_damage="warn").nodes) == 1
 
 
 @pytest.mark.parametrize(
@@ -237,8 +249,13 @@ def test_meshes_are_found_beside_the_file_above_it_and_in_packages(
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}/far/install")
     (tmp_path / place).parent.mkdir(parents=True)
     (tmp_path / place).write_text(TRIANGLE)
-    scene = load(tmp_path / "r" / "urdf", link("a", mesh_of(name.format(folder=tmp_path))))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = load(tmp_path / "r" / "urdf", link("a", mesh_of(name.format(folder=tmp_path))))
     assert len(scene.nodes) == 1
+    assert ["left out package 'renamed'" in str(one.message) for one in caught] == (
+        [True] if "renamed" in name else []
+    )
 
 
 @pytest.mark.parametrize(
@@ -246,6 +263,7 @@ def test_meshes_are_found_beside_the_file_above_it_and_in_packages(
     [
         ("tri.obj", "'tri.obj': it is missing"), ("package://none/tri.obj", "no package 'none'"),
         ("package://r/../../secret.obj", "outside"), ("/etc/passwd", "outside"),
+        ("package://other/bad.obj", "missing in the package 'other'"),
         ("http://x.org/a.obj", "not a file on this machine"), ("a.urdf", "a robot is no mesh"),
         ("bad.obj", "bad.obj"),
     ],
@@ -255,6 +273,8 @@ def test_meshes_that_cannot_be_read_are_refused_or_left_out_by_name(tmp_path, na
     file = write(folder, link("a"), link("b", mesh_of(name)), joint("j", "a", "b"))
     (tmp_path / "secret.obj").write_text(TRIANGLE)
     (folder / "bad.obj").write_text("f 1 2 3\n")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "package.xml").write_text("<package/>")
     with pytest.raises(MeshFileError, match=f"a.urdf names meshes .*{reason}"):
         rj.load(file)
     with pytest.warns(LoadWarning, match=reason):
@@ -288,6 +308,19 @@ BROKEN = {
     "shape": (link("a", BOX.replace('box size="1 2 3"', "cone")), "cone"),
     "number": (link("a", BOX.replace("1 2 3", "1 two 3")), "two"),
     "negative": (link("a", BOX.replace("1 2 3", "1 -2 3")), "a box of link 'a' must have 3 sizes"),
+    "radius": (link("a", BOX.replace('box size="1 2 3"', 'sphere radius="0"')),
+               r"a sphere of link 'a' must have .* no radius of 0, got \(0.0,\)"),
+    "thin": (link("a", BOX.replace('box size="1 2 3"', 'cylinder radius="0" length="1"')),
+             "a cylinder of link 'a' must have"),
+    "tiny": (link("a", BOX.replace('box size="1 2 3"', 'cylinder radius="1e-99" length="1"')),
+             "a cylinder of link 'a': there are no faces"),
+    "mimic": (link("a") + link("b") + link("c") + joint("j", "a", "b")
+              + joint("k", "a", "c", content='<mimic joint="j" multiplier="nan"/>'),
+              "joint 'k': its mimic must have finite numbers, got .*nan"),
+    "overflow": (link("a") + link("b") + link("c") + joint("j", "a", "b", "prismatic",
+                 '<axis xyz="1 0 0"/><limit lower="1e9" upper="2e9"/>')
+                 + joint("k", "a", "c", content='<mimic joint="j" multiplier="1e300"/>'),
+                 "joint 'k': values must be finite"),
     "empty": (link("a", ""), "holds no visual to draw"),
 }  # fmt: skip
 
@@ -327,3 +360,13 @@ def test_without_yourdfpy_it_is_said_what_to_install(monkeypatch):
 def test_glTF_has_no_place_for_joints_and_says_so(tmp_path):  # noqa: N802
     with pytest.warns(rj.SaveWarning, match="joints of robots"):
         rj.load(ARM).save(tmp_path / "arm.glb")
+
+
+def test_other_files_are_read_without_what_reads_robots(tmp_path):
+    (tmp_path / "a.obj").write_text(TRIANGLE)
+    program = (
+        "import sys, rasterjit as rj; rj.load(sys.argv[1]); "
+        "print('rasterjit.io.urdf' in sys.modules)"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path / "a.obj")]
+    assert subprocess.run(command, capture_output=True, check=True).stdout.strip() == b"False"
