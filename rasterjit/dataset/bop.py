@@ -111,13 +111,14 @@ def write_models(
     models : mapping of int to Mesh
         By their ids, in millimetres.
     info : mapping of int to mapping, optional
-        More entries of ``models_info.json``, such as ``symmetries_discrete``, by id.
+        More entries of ``models_info.json``, such as ``symmetries_discrete``, by id: what JSON can
+        hold, and arrays.
 
     Raises
     ------
     ValueError
-        If ``models`` is empty or holds something else, ``info`` names others, or the folder holds
-        other things.
+        If ``models`` is empty or holds something else, ``info`` names others or holds what JSON
+        cannot, or the folder holds other things.
     OSError
         If a file cannot be written; what was there stays.
 
@@ -134,10 +135,7 @@ def write_models(
     ``calc_model_info.py``.
     """
     entries = _check_models(models)
-    more = {} if info is None else dict(info)
-    unknown = [key for key in more if key not in entries]
-    if unknown:
-        raise ValueError(f"info must be about models by their ids, got {brief(unknown[0])}")
+    more = {} if info is None else _check_info(info, entries)
     target = _check_target(folder, MODELS_INFO)
     document = {}
     with atomic_folder(target) as temporary:
@@ -391,6 +389,24 @@ def _check_models(models: Any) -> dict[int, Mesh]:
     return {int(name): models[name] for name in sorted(models)}
 
 
+def _check_info(info: Any, models: Mapping[int, Mesh]) -> dict[int, Mapping[str, Any]]:
+    """Return entries of models by their ids, or raise ``ValueError``."""
+    if not isinstance(info, Mapping):
+        raise ValueError(f"info must be mappings by the ids of models, got {brief(info)}")
+    for name, row in info.items():
+        if name not in models:
+            raise ValueError(f"info must be about models by their ids, got {brief(name)}")
+        try:
+            if not isinstance(row, Mapping):
+                raise TypeError(f"it is {brief(row)}")
+            _format_json(row)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ValueError(
+                f"info[{name}] must be a mapping of what JSON can hold, and arrays: {error}"
+            ) from None
+    return dict(info)
+
+
 def _check_target(folder: Any, mark: str) -> Path:
     """Return the folder to write, or raise ``ValueError`` if it holds something else."""
     if not isinstance(folder, (str, os.PathLike)):
@@ -411,8 +427,22 @@ def _number_of(entry: tuple[str, Any]) -> int:
 
 def _write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write a JSON object, each of its entries on a line."""
-    rows = (f"  {json.dumps(key)}: {json.dumps(row)}" for key, row in document.items())
+    rows = (f"  {json.dumps(key)}: {_format_json(row)}" for key, row in document.items())
     path.write_text("{\n" + ",\n".join(rows) + "\n}\n", "utf-8")
+
+
+def _format_json(value: Any) -> str:
+    """Return JSON, with arrays as lists; raise ``TypeError`` or ``ValueError`` of other things."""
+    return json.dumps(value, default=_to_plain, allow_nan=False)
+
+
+def _to_plain(value: Any) -> Any:
+    """Return an array as lists, or raise ``TypeError``."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"{type(value).__name__} is neither")
 
 
 def _write_ply(path: Path, name: int, mesh: Mesh) -> None:

@@ -254,10 +254,13 @@ def test_models_have_colours_textures_diameters_and_symmetries(tmp_path):
         )),
     }  # fmt: skip
     turn = {"symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]}
-    bop.write_models(tmp_path / "models", models, {1: turn})
+    arrays = {"symmetries_discrete": [np.eye(4)], "weight": np.float32(0.5)}
+    bop.write_models(tmp_path / "models", models, {1: turn, 2: arrays})
     read = bop.read_models(tmp_path / "models")
     assert list(read) == [1, 2, 3, 4, 5]
     assert read[1].info.items() >= turn.items()
+    assert read[2].info["symmetries_discrete"] == [np.eye(4).tolist()]
+    assert read[2].info["weight"] == 0.5
     assert np.array_equal(read[1].mesh.vertex_colors, models[1].vertex_colors)
     assert np.array_equal(read[4].mesh.material.base_color_texture.image, texture.image)
     assert np.allclose(read[4].mesh.uv, models[4].uv, atol=1e-7)
@@ -370,6 +373,9 @@ def test_nothing_is_written_of_what_is_wrong(tmp_path):
     for models, info, said in (
         ({}, None, "at least one"), ({-1: quad()}, None, "ids of at least 0"),
         ({1: scene}, None, "meshes by ids"), ({1: quad()}, {2: {}}, "info must be about models"),
+        ({1: quad()}, [1], "info must be mappings"), ({1: quad()}, {1: 3}, r"info\[1\] must .* 3"),
+        ({1: quad()}, {1: {"a": np.nan}}, r"info\[1\] must be a mapping"),
+        ({1: quad()}, {1: {"a": {2}}}, r"info\[1\] must .* arrays: set is neither"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=said):
             bop.write_models(tmp_path / "new", models, info)
