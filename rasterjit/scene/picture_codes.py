@@ -69,11 +69,9 @@ def read_codes(image: Image.Image, apply_exif: bool = False) -> NDArray[Any]:
         codes = upper << 8 | _decode_pixels(lower, apply_exif)
     elif mode in _GREY_16:
         codes = np.clip(_decode_pixels(image, apply_exif), 0, 65535).astype(np.uint16)
-    elif mode == "1" and key is not None:
-        codes, key = (
-            _decode_pixels(image, apply_exif).astype(np.uint8) * np.uint8(255),
-            255 if key else 0,
-        )
+    elif mode == "1":
+        codes = _decode_pixels(image, apply_exif).astype(np.uint8) * np.uint8(255)
+        key = key and 255
     elif mode in _DIRECT_MODES:
         codes = _decode_pixels(image, apply_exif)
     else:
