@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -135,9 +134,9 @@ def _note_texture(notes: Notes, given: Mapping[str, Any], number: int) -> None:
 
 
 def _note_texels(notes: Notes, given: Mapping[str, Any], _: Any) -> None:
-    shape = given["height"], given["width"], 3
-    texels = np.array([*given["pixels"]][: math.prod(shape)], np.uint8)
-    notes.textures[given["textureUniqueId"]] = texels.reshape(shape)
+    height, width = given["height"], given["width"]
+    texels = np.array([*given["pixels"]][: 3 * height * width], np.uint8)
+    notes.textures[given["textureUniqueId"]] = texels.reshape(height, width, 3)
     notes.version += 1
 
 
