@@ -26,9 +26,9 @@ import sys
 import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ from rasterjit.io.atomic_write import atomic_file
 from rasterjit.scene.color import decoding_table, srgb_to_linear
 from rasterjit.scene.memory_limits import TEXEL_BYTES, MemoryBudget
 from rasterjit.scene.picture_codes import read_codes
-from rasterjit.scene.texture import open_picture
+from rasterjit.scene.texture import PICTURE_FORMATS, open_picture
 from rasterjit.scene.validation import unmasked_array
 
 if TYPE_CHECKING:
@@ -77,6 +77,9 @@ _COMPRESSED_CHUNKS = (b"zTXt", b"iTXt", b"iCCP")
 """Chunks of a PNG file that are compressed, besides its texels."""
 MAX_CHUNK_BYTES, MAX_LARGE_CHUNKS = 1 << 20, 64
 """Most bytes of such a chunk unpacked, and most chunks of that size, that Pillow accepts."""
+
+_LONGEST_SIGNATURE = 16
+"""Bytes by which Pillow tells formats."""
 
 _TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 MEMORY_PER_TAG_BYTE = 16
@@ -389,6 +392,23 @@ def check_picture(content: bytes) -> None:
     """Raise the error that `decode_picture` would about the header of a picture file."""
     with _open_picture(content):
         pass
+
+
+def read_picture_size(file: BinaryIO, label: str) -> tuple[int, int]:
+    """Return width and height by a picture's header, however large, or raise ``ValueError``."""
+    from PIL import Image
+
+    Image.init()
+    start = file.read(_LONGEST_SIGNATURE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for make, accepts in (Image.OPEN[name] for name in PICTURE_FORMATS if name in Image.OPEN):
+            # Pillow raises many errors about what is damaged; its own `open` refuses what is large.
+            with suppress(Exception):
+                if accepts is None or accepts(start) is True:
+                    file.seek(0)
+                    return make(file, "").size
+    raise ValueError(f"{label} is no known picture")
 
 
 @contextmanager

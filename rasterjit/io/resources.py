@@ -23,6 +23,8 @@ import struct
 import tarfile
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BufferedIOBase
 from pathlib import Path
 from typing import BinaryIO
@@ -128,6 +130,15 @@ class Resources:
         ValueError
             If it cannot be read.
         """
+        with self.open(name) as file:
+            size = os.fstat(file.fileno()).st_size
+            self.budget.take(f"the file {quote_name(name)}", size)
+            # It may have grown since.
+            return file.read(size)
+
+    @contextmanager
+    def open(self, name: str) -> Iterator[BinaryIO]:
+        """Open a file to read parts of it, or raise as `read` does."""
         label = quote_name(name)
         path = self._resolve(name, label)
         if self._model is not None and not os.path.exists(path):
@@ -135,7 +146,8 @@ class Resources:
             textures = self._model / _TEXTURE_FOLDER / Path(name.replace("\\", "/")).name
             path = self._resolve_inside(textures, label) if os.path.isfile(textures) else path
         try:
-            return _read_regular(path, label, self.budget)
+            with _open_regular(path, label) as file:
+                yield file
         except FileNotFoundError:
             raise MissingFileError(f"the file {label} beside it is missing") from None
         except OSError as error:
@@ -344,15 +356,6 @@ def _open_regular(path: Path, label: str) -> BinaryIO:
         return file
     file.close()
     raise RefusedFileError(f"{label} is no regular file")
-
-
-def _read_regular(path: Path, label: str, budget: MemoryBudget) -> bytes:
-    """Return the content of a regular file."""
-    with _open_regular(path, label) as file:
-        size = os.fstat(file.fileno()).st_size
-        budget.take(f"the file {label}", size)
-        # It may have grown since.
-        return file.read(size)
 
 
 _GZIP, _BZIP2, _TAR = b"\x1f\x8b", b"BZh", b"ustar"

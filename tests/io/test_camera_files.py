@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 import re
 import struct
+import zlib
 
 import numpy as np
 import pytest
@@ -263,7 +265,7 @@ def test_json_of_synthetic_scenes_made_with_blender(tmp_path):
         frames=[frame("./train/r_0", pose, rotation=0.0125)],
     )  # fmt: skip
     with pytest.raises(
-        ValueError, match=r"transforms_train\.json.*give size: .*r_0\.png is no picture"
+        ValueError, match=r"transforms_train\.json.*give size: .*r_0\.png' beside it is missing"
     ):
         rj.load_cameras(path)
     (tmp_path / "train").mkdir()
@@ -272,6 +274,47 @@ def test_json_of_synthetic_scenes_made_with_blender(tmp_path):
         (one,) = rj.load_cameras(path)
     assert (one.name, one.size) == ("./train/r_0.png", (800, 800))
     assert one.project((0.5, 0.0, 0.25)) == pytest.approx((500, 350), abs=1e-9)
+
+
+@pytest.mark.parametrize("size", [(11000, 10000), (16000, 16000)])
+def test_the_size_of_an_image_is_that_of_its_header_however_large(tmp_path, size):
+    Image.new("L", (2, 2)).save(tmp_path / "a.png")
+    content = bytearray((tmp_path / "a.png").read_bytes())
+    content[16:24] = struct.pack(">2I", *size)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "a.png").write_bytes(content)
+    path = write_json(tmp_path / "t.json", camera_angle_x=1.0, frames=[frame()])
+    assert rj.load_cameras(path)[0].size == size
+
+
+def test_images_are_opened_only_if_they_are_files_in_the_folder(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    Image.new("L", (8, 8)).save(tmp_path / "a.png")
+    (folder / "b.png").write_text("no picture")
+    cases = [("../a.png", "lies outside '[^;]*$"), (f"{tmp_path}/a.png", "is not a file beside")]
+    cases.append(("b.png", "is no known picture"))
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(folder / "c.png")
+        # Whoever opened it to read would wait for one who writes.
+        pipe = os.open(folder / "c.png", os.O_RDWR)
+        os.write(pipe, (tmp_path / "a.png").read_bytes())
+        cases.append(("c.png", "is no regular file"))
+    for name, match in cases:
+        path = write_json(folder / "t.json", camera_angle_x=1.0, frames=[frame(name)])
+        with pytest.raises(
+            ValueError, match=rf"t\.json.*give size: the file has none, and .*{match}"
+        ):
+            rj.load_cameras(path)
+        assert rj.load_cameras(path, size=(64, 48))[0].size == (64, 48)
+        (folder / "b.out").write_text(BUNDLE)
+        (folder / "b.list.txt").write_text(f"{name}\nb.jpg\n")
+        with pytest.raises(
+            ValueError, match=rf"b\.out.*give size: the file has none, and .*{match}"
+        ):
+            rj.load_cameras(folder / "b.out")
+    if hasattr(os, "mkfifo"):
+        os.close(pipe)
 
 
 BUNDLE = """# Bundle file v0.3

@@ -63,7 +63,8 @@ def load_cameras(
     path : str or path
     size : (int, int), optional
         Width and height of the images, pixels, for files that do not tell it (Bundler, Blender,
-        OpenCV). Default: that of the images, if they lie where the file says.
+        OpenCV). Default: that of the images, if they lie where the file says, in its folder or
+        below.
 
     Returns
     -------

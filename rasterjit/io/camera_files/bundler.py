@@ -35,6 +35,7 @@ from rasterjit.io.camera_files.calibration import (
     split_camera,
 )
 from rasterjit.io.load_warnings import LeftOut
+from rasterjit.io.resources import Resources
 from rasterjit.scene.arrays import Float64
 from rasterjit.scene.lens import PinholeDistortion
 from rasterjit.scene.transforms import compose
@@ -69,6 +70,7 @@ def read_bundler(
         rows = np.array(words[2:end], np.float64).reshape(count, NUMBERS_PER_CAMERA)
     names = _read_names(_list_beside(file), count)
     left_out.note("point", points)
+    resources = Resources(file)
     with reading(file, FORMAT):
         found = []
         for number, (row, name) in enumerate(zip(rows, names, strict=True)):
@@ -76,7 +78,7 @@ def read_bundler(
                 left_out.note("camera without a pose")
                 continue
             try:
-                found.append(_read_camera(row, name, file.parent, size))
+                found.append(_read_camera(row, name, resources, size))
             except ValueError as error:
                 raise ValueError(f"camera {number}: {error}") from None
         return check_any(found, left_out)
@@ -111,7 +113,7 @@ def _read_names(file: Path, count: int) -> list[str]:
 
 
 def _read_camera(
-    row: Float64, name: str, folder: Path, size: tuple[int, int] | None
+    row: Float64, name: str, resources: Resources, size: tuple[int, int] | None
 ) -> CalibratedCamera:
     """Return the camera of a row of numbers."""
     if not np.isfinite(row).all():
@@ -120,7 +122,7 @@ def _read_camera(
     view = np.eye(4)
     view[:3, :3], view[:3, 3] = row[3:12].reshape(3, 3), row[12:]
     if size is None:
-        size = image_file_size(folder / name)
+        size = image_file_size(name, resources)
     lens = make_lens(PinholeDistortion, RADIAL, coefficients, FORMAT)
     intrinsics = Intrinsics(size, focal, focal, 0.0, size[0] / 2.0, size[1] / 2.0, lens)
     return join_camera(intrinsics, compose(FLIP_YZ, view), name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from rasterjit.io.cameras import from_opencv, to_opencv
 from rasterjit.io.load_warnings import LeftOut, reason_of
+from rasterjit.io.resources import Resources, quote_name
 from rasterjit.scene.arrays import Float64
 from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.camera import Camera, check_camera
@@ -250,11 +251,13 @@ def check_any(cameras: list[CalibratedCamera], left_out: LeftOut) -> list[Calibr
     return cameras
 
 
-def image_file_size(file: Path) -> tuple[int, int]:
-    """Return width and height of a picture, or raise ``ValueError``: they must be given."""
-    with suppress(OSError, ValueError):
-        from PIL import Image
+def image_file_size(name: str, resources: Resources) -> tuple[int, int]:
+    """Return width and height of a picture that a file names, or raise ``ValueError``."""
+    from rasterjit.io.images import read_picture_size
 
-        with Image.open(file) as image:
-            return image.size
-    raise ValueError(f"give size: it does not tell that of its images, and {file} is no picture")
+    try:
+        with resources.open(name) as file:
+            return read_picture_size(file, quote_name(name))
+    except ValueError as error:
+        reason = str(error).partition("; resource_root")[0]
+        raise ValueError(f"give size: the file has none, and {reason}") from None

@@ -44,6 +44,7 @@ from rasterjit.io.camera_files.calibration import (
 from rasterjit.io.cameras import view_from_pose
 from rasterjit.io.gltf.json_checks import get_integer, get_list, get_number, get_numbers, require
 from rasterjit.io.load_warnings import LeftOut
+from rasterjit.io.resources import Resources
 from rasterjit.scene import transforms
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.validation import image_size
@@ -82,13 +83,13 @@ def read_transforms(
         if not isinstance(document, dict) or "frames" not in document:
             raise ValueError("frames is missing")
         _note_keys(document, (*INTRINSIC_KEYS, "frames"), left_out)
-        found = []
+        resources, found = Resources(file), []
         for number, frame in enumerate(get_list(document, "frames")):
             if not isinstance(frame, dict):
                 raise ValueError(f"frame {number} must be an object, got {frame!r}")
             _note_keys(frame, (*INTRINSIC_KEYS, *FRAME_KEYS), left_out)
             try:
-                found.append(_read_frame({**document, **frame}, file.parent, size))
+                found.append(_read_frame({**document, **frame}, resources, size))
             except NoLensError as error:
                 left_out.note(f"frame of a camera without a lens here, {error}")
             except ValueError as error:
@@ -103,7 +104,7 @@ def _note_keys(values: dict[str, Any], known: Sequence[str], left_out: LeftOut) 
 
 
 def _read_frame(
-    values: dict[str, Any], folder: Path, size: tuple[int, int] | None
+    values: dict[str, Any], resources: Resources, size: tuple[int, int] | None
 ) -> CalibratedCamera:
     """Return the camera of a frame, given its own values and those of the file."""
     name = require(values, "file_path")
@@ -114,7 +115,7 @@ def _read_frame(
     if "w" in values or "h" in values:
         size = image_size("w and h", (get_integer(values, "w"), get_integer(values, "h")))
     elif size is None:
-        size = image_file_size(folder / name)
+        size = image_file_size(name, resources)
     rows = get_list(values, "transform_matrix")
     matrix = [get_numbers({"row": row}, "row", (0.0,) * 4) for row in rows]
     if len(matrix) not in (3, 4):
