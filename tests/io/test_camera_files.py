@@ -669,12 +669,16 @@ def test_names_that_a_format_cannot_hold_are_refused(tmp_path):
         ("", "nerfstudio", "must have the name of its image"),
         ("a b.png", "colmap-text", "without spaces"),
         ("a b.png", "bundler", "without spaces"),
+        ("a\udcff.png", "colmap", r"camera 'a\\udcff\.png': its name must be"),
+        ("a\udcff.png", "colmap-text", "its name must be"),
+        ("a\udcff.png", "bundler", "its name must be"),
         ("a.jpg", "blender", r"an image \.png"),
         ("a.b.png", "blender", "one suffix"),
     ):
         camera = dataclasses.replace(one, name=name)
         with pytest.raises(ValueError, match=match):
             rj.save_cameras(tmp_path / "out", [camera], format=file_format)
+    assert not list(tmp_path.iterdir())
 
 
 def test_skew_is_held_by_opencv_alone(tmp_path):

@@ -142,6 +142,8 @@ def write_bundler(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
                 "it must have square pixels and its principal point in the middle of the image for "
                 f"{FORMAT}, got {intrinsics}",
             )
+            # Raise before anything is written.
+            camera.name.encode()
             is_word = camera.name.split() == [camera.name]
             refuse(has_names and not is_word, f"it must have a name without spaces for {FORMAT}")
         view = compose(FLIP_YZ, pose)

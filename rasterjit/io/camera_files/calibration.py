@@ -206,6 +206,8 @@ def naming(camera: CalibratedCamera) -> Iterator[None]:
     """Let errors of a writer name the image of a camera."""
     try:
         yield
+    except UnicodeEncodeError:
+        raise ValueError(f"camera {camera.name!r}: its name must be what UTF-8 can hold") from None
     except ValueError as error:
         raise ValueError(f"camera {camera.name!r}: {error}") from None
 

@@ -296,17 +296,18 @@ def _write(path: Path, suffix: str, cameras: Sequence[CalibratedCamera]) -> None
             refuse(not has_name, f"it must have the name of its image for {FORMAT}, in one line")
             is_plain = suffix != ".txt" or camera.name.split() == [camera.name]
             refuse(not is_plain, f"it must have a name without spaces for {FORMAT}'s text")
+            name = camera.name.encode()
             intrinsics, pose = split_camera(camera)
             refuse_skew(intrinsics, FORMAT)
             if intrinsics not in numbers:
                 numbers[intrinsics] = len(numbers) + 1
                 rows.append((numbers[intrinsics], intrinsics.size, *_model_of(intrinsics)))
         translation, (x, y, z, w), _ = decompose(pose)
-        images.append(((w, x, y, z), translation, numbers[intrinsics], camera.name))
+        images.append(((w, x, y, z), translation, numbers[intrinsics], name))
     folder = path.parent if path.stem in FILES[:2] and path.suffix in (".txt", ".bin") else path
     _refuse_other_model(folder, suffix)
-    folder.mkdir(exist_ok=True)
     contents = _make_text(rows, images) if suffix == ".txt" else _make_binary(rows, images)
+    folder.mkdir(exist_ok=True)
     with ExitStack() as stack:
         places = [stack.enter_context(atomic_file(folder / f"{name}{suffix}")) for name in FILES]
         for place, content in zip(places, contents, strict=True):
@@ -353,7 +354,7 @@ def _make_text(rows: list[Any], images: list[Any]) -> tuple[bytes, ...]:
     listed = ["# Image list: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]"]
     for count, (rotation, translation, camera, name) in enumerate(images, 1):
         numbers = " ".join(map(repr, (*rotation, *translation)))
-        listed += [f"{count} {numbers} {camera} {name}", ""]
+        listed += [f"{count} {numbers} {camera} {name.decode()}", ""]
     return *("\n".join([*lines, ""]).encode() for lines in (cameras, listed)), _NO_POINTS_TEXT
 
 
@@ -366,5 +367,5 @@ def _make_binary(rows: list[Any], images: list[Any]) -> tuple[bytes, ...]:
     listed = [struct.pack("<Q", len(images))]
     for count, (rotation, translation, camera, name) in enumerate(images, 1):
         listed.append(struct.pack("<I7dI", count, *rotation, *translation, camera))
-        listed.append(name.encode() + b"\0" + struct.pack("<Q", 0))
+        listed.append(name + b"\0" + struct.pack("<Q", 0))
     return b"".join(cameras), b"".join(listed), _NO_POINTS_BINARY
