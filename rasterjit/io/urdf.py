@@ -258,7 +258,7 @@ def _convert_visual(link: str, visual: Any, material: Any) -> VisualRecord:
         size = np.broadcast_to(1.0 if scale is None else scale, 3)
     numbers = tuple(map(float, size))
     expected = {"box": 3, "cylinder": 2, "sphere": 1, "mesh": 3}[shape]
-    is_valid = len(numbers) == expected and np.isfinite(numbers).all()
+    is_valid = len(numbers) == expected and bool(np.isfinite(numbers).all())
     # Boxes and cylinders may be flat.
     is_valid = is_valid and (shape == "mesh" or min(numbers) >= 0.0)
     if not is_valid or (shape in ("cylinder", "sphere") and not numbers[0]):
