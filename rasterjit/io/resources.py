@@ -141,9 +141,10 @@ class Resources:
         """Open a file to read parts of it, or raise as `read` does."""
         label = quote_name(name)
         path = self._resolve(name, label)
-        if self._model is not None and not os.path.exists(path):
-            # Beside meshes of Gazebo's models lie no pictures.
-            textures = self._model / _TEXTURE_FOLDER / Path(name.replace("\\", "/")).name
+        model = self._model
+        if model is not None and path.is_relative_to(model) and not os.path.exists(path):
+            # Beside meshes of Gazebo's models lie no pictures; those of others are not its own.
+            textures = model / _TEXTURE_FOLDER / Path(name.replace("\\", "/")).name
             path = self._resolve_inside(textures, label) if os.path.isfile(textures) else path
         try:
             with _open_regular(path, label) as file:

@@ -253,6 +253,17 @@ def test_nothing_outside_a_robots_package_is_opened(tmp_path, name):
     assert scene.nodes[0].mesh.material.base_color_texture is None
 
 
+def test_a_picture_that_another_package_lacks_is_not_taken_from_the_own_one(tmp_path):
+    picture(tmp_path / "arm" / "materials" / "textures" / "wood.png")
+    (tmp_path / "other").mkdir()
+    file = obj(tmp_path / "arm" / "meshes", "package://other/wood.png")
+    (tmp_path / "arm" / "package.xml").write_text("<package/>")
+    with pytest.warns(LoadWarning, match="missing"):
+        assert (
+            rj.load(file, resource_root=tmp_path).nodes[0].mesh.material.base_color_texture is None
+        )
+
+
 def make_pipe(place):
     if not hasattr(os, "mkfifo"):
         pytest.skip("no pipes among files")
