@@ -40,7 +40,15 @@ from rasterjit.io.meshes import load
 from rasterjit.outputs.save import MAX_CODE
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.transforms import Matrix
-from rasterjit.scene.validation import brief, check_rotation, existing_folder, whole_number
+from rasterjit.scene.validation import (
+    brief,
+    check_rotation,
+    existing_folder,
+    number_array,
+    positive_number,
+    short_repr,
+    whole_number,
+)
 from rasterjit.scene.warning import warn_caller
 
 __all__ = [
@@ -77,6 +85,9 @@ NO_BOX = [-1, -1, -1, -1]
 """Boxes of objects of which nothing is seen."""
 
 NOTHING: Box = (0, 0, 0, 0)
+
+MAX_WHOLE = (1 << 31) - 1
+"""Largest id, count, and side of a box."""
 
 MAX_PAIRS = 1 << 24
 """Most distances between vertices that are computed at once."""
@@ -166,6 +177,10 @@ def read_models(folder: str | os.PathLike[str]) -> dict[int, ObjectModel]:
     place = existing_folder("folder", folder)
     models = {}
     for name, info in _read_json(place / MODELS_INFO).items():
+        if not isinstance(info, dict):
+            raise ValueError(
+                f"{place / MODELS_INFO}: model {name} must have a JSON object, got {brief(info)}"
+            )
         path = place / f"obj_{name:06d}.ply"
         loaded = load(path)
         if len(loaded.nodes) != 1 or not isinstance(loaded.nodes[0].mesh, Mesh):
@@ -193,8 +208,9 @@ def write_scene(folder: str | os.PathLike[str], views: Iterable[LabelledView]) -
     Raises
     ------
     ValueError
-        If ``views`` holds something else, two of one number, none at all, or an object that is
-        scaled, which a pose of BOP cannot say; if the folder holds other things.
+        If ``views`` holds something else, two of one number, none at all, a camera or an object
+        that `read_scene` would refuse, such as one that is scaled, which a pose of BOP cannot say;
+        if the folder holds other things.
     OSError
         If a file cannot be written; what was there stays.
 
@@ -213,9 +229,15 @@ def write_scene(folder: str | os.PathLike[str], views: Iterable[LabelledView]) -
             key = str(whole_number("views: the number", view.number, 0, MAX_NUMBER))
             if key in documents[0]:
                 raise ValueError(f"views must have different numbers, got {key} twice")
+            poses, seen = (
+                [f(one) for one in view.objects] for f in (_describe_pose, _describe_seen)
+            )
+            rows = _describe_camera(view), poses, seen
+            # What is written can be read.
+            _read_camera("views", f"view {key}", rows[0])
+            for k, entries in enumerate(zip(poses, seen, strict=True)):
+                _read_object(("views",) * 2, f"view {key}, object {k}", *entries, (None, None))
             _write_pictures(temporary, view)
-            poses = [_describe_pose(view.number, one) for one in view.objects]
-            rows = _describe_camera(view), poses, [_describe_seen(one) for one in view.objects]
             for document, row in zip(documents, rows, strict=True):
                 document[key] = row
         if not documents[0]:
@@ -262,7 +284,11 @@ class SceneViews(Sequence[LabelledView]):
         seen = _read_json(folder / SCENE_FILES[2]) if (folder / SCENE_FILES[2]).exists() else {}
         self.numbers = tuple(sorted(cameras))
         """Of the views."""
-        left_out = {f"{one} of {SCENE_FILES[1]}" for one in poses.keys() - cameras.keys()}
+        left_out = {
+            f"{one} of {name}"
+            for name, rows in zip(SCENE_FILES[1:], (poses, seen), strict=True)
+            for one in rows.keys() - cameras.keys()
+        }
         self._rows: dict[int, tuple[Any, Any, Any]] = {}
         for number in self.numbers:
             row = cameras[number], poses.get(number, []), seen.get(number)
@@ -311,12 +337,8 @@ class SceneViews(Sequence[LabelledView]):
     def _read(self, number: int) -> LabelledView:
         """Read the view of a number."""
         camera, poses, seen = self._rows[number]
-        file = self.folder / SCENE_FILES[0]
-        where = f"view {number}"
-        world = None
-        if "cam_R_w2c" in camera:
-            world = _read_pose(file, where, camera, "cam_R_w2c", "cam_t_w2c")
-        scale = float(_read_numbers(file, where, camera, "depth_scale", 1)[0])
+        files, where = [self.folder / name for name in SCENE_FILES], f"view {number}"
+        intrinsics, world, scale = _read_camera(files[0], where, camera)
         color, codes = (self._read_picture(kind, number) for kind in ("color", "depth"))
         depth = None
         if codes is not None:
@@ -325,7 +347,8 @@ class SceneViews(Sequence[LabelledView]):
         objects = []
         for k, pose in enumerate(poses):
             masks = [self._read_mask(name, number, k) for name in MASKS]
-            objects.append(self._read_object(f"{where}, object {k}", pose, seen and seen[k], masks))
+            entries = pose, seen and seen[k]
+            objects.append(_read_object(files[1:], f"{where}, object {k}", *entries, masks))
         masks = [mask for one in objects for mask in (one.mask, one.visible)]
         sizes = {one.shape[:2] for one in (color, depth, *masks) if one is not None}
         if len(sizes) > 1:
@@ -334,29 +357,10 @@ class SceneViews(Sequence[LabelledView]):
                 f"{' and '.join(f'{width} x {height}' for height, width in sorted(sizes))}"
             )
         return LabelledView(
-            number, _read_numbers(file, where, camera, "cam_K", 9).reshape(3, 3), world,
+            number, intrinsics, world,
             color if color is None or color.ndim == 2 else color[..., :3], depth, scale,
             tuple(objects),
         )  # fmt: skip
-
-    def _read_object(
-        self, where: str, pose: dict[str, Any], seen: dict[str, Any] | None, masks: list[Any]
-    ) -> ObjectView:
-        """Return an object, given its entries of the two files, the latter of which may miss."""
-        file = self.folder / SCENE_FILES[1]
-        name = int(_read_numbers(file, where, pose, "obj_id", 1)[0])
-        matrix = _read_pose(file, where, pose, "cam_R_m2c", "cam_t_m2c")
-        if seen is None:
-            return ObjectView(name, matrix, masks[0], masks[1], NOTHING, NOTHING, 0, 0, 0)
-        file = self.folder / SCENE_FILES[2]
-        boxes = [_read_box(file, where, seen, key) for key in ("bbox_obj", "bbox_visib")]
-        area, measured, visible = (
-            int(_read_numbers(file, where, seen, f"px_count_{key}", 1)[0])
-            for key in ("all", "valid", "visib")
-        )
-        return ObjectView(
-            name, matrix, masks[0], masks[1], boxes[0], boxes[1], area, measured, visible
-        )
 
     def _read_picture(self, kind: str, number: int) -> NDArray[Any] | None:
         """Return colour or codes of depth of a view; ``None`` if there is no such file."""
@@ -558,14 +562,11 @@ def _describe_camera(view: LabelledView) -> dict[str, Any]:
     return row
 
 
-def _describe_pose(number: int, one: ObjectView) -> dict[str, Any]:
-    """Return the entry of an object in ``scene_gt.json``, or raise ``ValueError``."""
-    rotation = one.camera_from_model[:3, :3]
-    # A pose of BOP has no scale.
-    check_rotation(f"views: the pose of object {one.id} in view {number}", rotation)
+def _describe_pose(one: ObjectView) -> dict[str, Any]:
+    """Return the entry of an object in ``scene_gt.json``."""
     return {
-        "cam_R_m2c": rotation.ravel().tolist(), "cam_t_m2c": one.camera_from_model[:3, 3].tolist(),
-        "obj_id": one.id,
+        "cam_R_m2c": one.camera_from_model[:3, :3].ravel().tolist(),
+        "cam_t_m2c": one.camera_from_model[:3, 3].tolist(), "obj_id": one.id,
     }  # fmt: skip
 
 
@@ -587,40 +588,92 @@ def _describe_seen(one: ObjectView) -> dict[str, Any]:
 def _read_json(path: Path) -> dict[int, Any]:
     """Return the entries of a JSON object by their whole numbers, or raise ``ValueError``."""
     try:
-        document = json.loads(path.read_text("utf-8"))
-        return {int(key): row for key, row in document.items()}
+        document = json.loads(path.read_text("utf-8"), object_pairs_hook=_refuse_doubles)
+        rows = {int(key): row for key, row in document.items() if key.isdecimal()}
+        if len(rows) < len(document):
+            raise ValueError
+        return rows
     except OSError as error:
         raise ValueError(f"{path}: it cannot be read: {error.strerror}") from None
     except (ValueError, AttributeError, RecursionError):
-        raise ValueError(f"{path}: it must be a JSON object with numbers for keys") from None
+        raise ValueError(
+            f"{path}: it must be a JSON object with different whole numbers for keys"
+        ) from None
 
 
-def _read_numbers(path: Path, where: str, row: Any, key: str, count: int) -> NDArray[np.float64]:
+def _refuse_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a JSON object, or raise ``ValueError`` if it has a key twice."""
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
+        raise ValueError
+    return entries
+
+
+def _read_camera(path: Any, where: str, row: Any) -> tuple[NDArray[Any], Matrix | None, float]:
+    """Return K, the pose and the depth scale of a view's entry, or raise ``ValueError``."""
+    world = None
+    if "cam_R_w2c" in row or "cam_t_w2c" in row:
+        world = _read_pose(path, where, row, "cam_R_w2c", "cam_t_w2c")
+    scale = positive_number(f"{path}: {where}: depth_scale", row.get("depth_scale"))
+    return _read_numbers(path, where, row, "cam_K", 9).reshape(3, 3), world, scale
+
+
+def _read_object(
+    paths: Sequence[Any], where: str, pose: Any, seen: Any, masks: Sequence[Any]
+) -> ObjectView:
+    """Return an object, given its entries of two files, the latter of which may miss, or raise."""
+    (name,) = _read_wholes(paths[0], where, pose, "obj_id", 1)
+    matrix = _read_pose(paths[0], where, pose, "cam_R_m2c", "cam_t_m2c")
+    boxes, counts = [NOTHING, NOTHING], [0, 0, 0]
+    if seen is not None:
+        boxes = [_read_box(paths[1], where, seen, key) for key in ("bbox_obj", "bbox_visib")]
+        keys = "px_count_all", "px_count_valid", "px_count_visib"
+        counts = [one for key in keys for one in _read_wholes(paths[1], where, seen, key, 1)]
+    return ObjectView(name, matrix, masks[0], masks[1], boxes[0], boxes[1], *counts)
+
+
+def _read_numbers(path: Any, where: str, row: Any, key: str, count: int) -> NDArray[np.float64]:
     """Return ``count`` numbers of an entry, or raise ``ValueError``."""
-    value = row.get(key) if isinstance(row, Mapping) else None
+    value = row.get(key)
     try:
-        numbers = np.array(value, np.float64).ravel()
-    except (TypeError, ValueError, OverflowError):
+        numbers = number_array(key, value, "iuf").ravel()
+    except ValueError:
         numbers = np.empty(0)
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise ValueError(
-            f"{path}: {where} must have {count} finite numbers as {key}, got {brief(value)}"
+            f"{path}: {where} must have {count} finite numbers as {key}, got {short_repr(value)}"
         )
     return numbers
 
 
-def _read_pose(path: Path, where: str, row: Any, rotation: str, translation: str) -> Matrix:
-    """Return a pose, (4, 4), or raise ``ValueError``."""
+def _read_wholes(path: Any, where: str, row: Any, key: str, count: int, low: int = 0) -> list[int]:
+    """Return ``count`` whole numbers of an entry, or raise ``ValueError``."""
+    numbers = _read_numbers(path, where, row, key, count)
+    if (numbers != np.floor(numbers)).any() or numbers.min() < low or numbers.max() > MAX_WHOLE:
+        raise ValueError(
+            f"{path}: {where} must have whole numbers in {low}..{MAX_WHOLE} as {key}, got "
+            f"{short_repr(row[key])}"
+        )
+    return numbers.astype(int).tolist()
+
+
+def _read_pose(path: Any, where: str, row: Any, rotation: str, translation: str) -> Matrix:
+    """Return a pose, (4, 4), or raise ``ValueError``: it has no scale."""
     matrix = np.eye(4)
     matrix[:3, :3] = _read_numbers(path, where, row, rotation, 9).reshape(3, 3)
     matrix[:3, 3] = _read_numbers(path, where, row, translation, 3)
+    check_rotation(f"{path}: {where}: {rotation}", matrix[:3, :3])
     return matrix
 
 
-def _read_box(path: Path, where: str, row: Any, key: str) -> Box:
+def _read_box(path: Any, where: str, row: Any, key: str) -> Box:
     """Return a box with its pixels counted, or raise ``ValueError``."""
-    box = _read_numbers(path, where, row, key, 4).astype(int).tolist()
-    return NOTHING if box == NO_BOX else (box[0], box[1], box[2] + 1, box[3] + 1)
+    left, top, width, height = box = _read_wholes(path, where, row, key, 4, -MAX_WHOLE)
+    if box == NO_BOX:
+        return NOTHING
+    if min(width, height) < 0:
+        raise ValueError(f"{path}: {where} must have sides of at least 0 as {key}, got {box}")
+    return left, top, width + 1, height + 1
 
 
 def _read_image(path: Path, is_grey: bool) -> NDArray[Any]:

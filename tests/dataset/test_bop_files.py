@@ -306,7 +306,10 @@ def test_what_a_scene_has_besides_is_named(tmp_path):
     camera["0"]["view_level"] = 2
     (folder / "scene_camera.json").write_text(json.dumps(camera))
     (folder / "scene_gt_coco.json").write_text("{}")
-    with pytest.warns(rj.LoadWarning, match="left out scene_gt_coco.json, view_level"):
+    info = (folder / "scene_gt_info.json").read_text()
+    (folder / "scene_gt_info.json").write_text(info.replace("{", '{"7": [],', 1))
+    said = "left out 7 of scene_gt_info.json, scene_gt_coco.json, view_level"
+    with pytest.warns(rj.LoadWarning, match=said):
         bop.read_scene(folder)
 
 
@@ -325,6 +328,23 @@ def make_small_scene(folder):
         ("scene_gt.json", lambda rows: rows.update({"0": 3}), "view 0 must have JSON objects"),
         ("scene_gt_info.json", lambda rows: rows["0"].pop(), "must have the 1 objects of"),
         ("scene_camera.json", lambda rows: rows.update({"a": {}}), "numbers for keys"),
+        ("scene_camera.json", lambda rows: rows.update({"-1": {}}), "whole numbers for keys"),
+        ("scene_camera.json", lambda rows: rows.update({"00": {}}), "different whole numbers"),
+        ("scene_camera.json", lambda rows: rows["0"].update(depth_scale=-1), "depth_scale must be"),
+        ("scene_camera.json", lambda rows: rows["0"].pop("cam_R_w2c"), "9 finite .* cam_R_w2c"),
+        ("scene_camera.json", lambda rows: rows["0"].update(cam_R_w2c=[0] * 9), "hold a rotation"),
+        ("scene_gt.json", lambda rows: rows["0"][0].update(cam_R_m2c=[0] * 9), "hold a rotation"),
+        ("scene_gt.json", lambda rows: rows["0"][0].update(obj_id=1.5), "whole numbers .* got 1.5"),
+        ("scene_gt.json", lambda rows: rows["0"][0].update(obj_id="2"), "1 finite .* got '2'"),
+        (
+            "scene_gt_info.json", lambda rows: rows["0"][0].update(bbox_obj=[1e300] * 4),
+            "whole numbers in .* as bbox_obj",
+        ),
+        ("scene_gt_info.json", lambda rows: rows["0"][0].update(px_count_all=-5), "in 0.* got -5"),
+        (
+            "scene_gt_info.json", lambda rows: rows["0"][0].update(bbox_obj=[0, 0, -2, 3]),
+            "sides of at least 0",
+        ),
     ],
 )  # fmt: skip
 def test_damaged_files_are_named(tmp_path, file, change, said):
@@ -349,9 +369,15 @@ def test_missing_and_unreadable_files_are_named(tmp_path):
         iio.imwrite(folder / "mask/000000_000000.png", mask)
         with pytest.raises(ValueError, match=said):
             bop.read_scene(folder)[0]
+    (folder / "scene_gt.json").write_text('{"0": [], "0": []}')
+    with pytest.raises(ValueError, match=r"scene_gt.json: it must be .* different whole numbers"):
+        bop.read_scene(folder)
     (folder / "scene_gt.json").unlink()
     with pytest.raises(ValueError, match=r"scene_gt.json: it cannot be read"):
         bop.read_scene(folder)
+    (tmp_path / "models_info.json").write_text('{"1": 3}')
+    with pytest.raises(ValueError, match=r"models_info.json: model 1 must have a JSON object"):
+        bop.read_models(tmp_path)
     with pytest.raises(ValueError, match="folder must be a folder"):
         bop.read_models(tmp_path / "none")
 
@@ -369,7 +395,9 @@ def test_nothing_is_written_of_what_is_wrong(tmp_path):
         ("new", [view, view], "different numbers, got 0 twice"), ("new", [], "at least one view"),
         ("new", [view._replace(number=-1)], "views: the number must"),
         ("new", [view, 3], "must be LabelledView"), ("new", [far], "at most 65535 times"),
-        ("new", [scaled], r"the pose of object 1 in view 0 must hold a rotation"),
+        ("new", [scaled], r"views: view 0, object 0: cam_R_m2c must hold a rotation"),
+        ("new", [view._replace(depth_scale=0.0)], "views: view 0: depth_scale must be above 0"),
+        ("new", [view._replace(intrinsics=K * np.nan)], "views: view 0 must have 9 finite numbers"),
         ("mine", [view], "holds other things"), ("mine/note.txt", [view], "is a file"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=said):
