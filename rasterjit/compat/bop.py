@@ -35,6 +35,7 @@ from rasterjit.scene import transforms
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
+from rasterjit.scene.normals import compute_area_vectors, dot_rows
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import bounded_number, brief, finite_array, image_size, one_of
@@ -273,14 +274,14 @@ class Renderer:
         normals = rows["geometric_normal"][seen]
         if self.shading == "phong":
             # Ours face the eye; the toolkit's are those of the front, on back faces too.
-            is_back = _dot(model.fronts[rows["face_id"][seen, 0]], normals) < 0.0
+            is_back = dot_rows(model.fronts[rows["face_id"][seen, 0]], normals) < 0.0
             normals = np.where(is_back[:, None], -1.0, 1.0) * rows["normal"][seen]
         rotation = view.copy()
         rotation[:3, 3] = 0.0
         normals = transforms.transform_points(rotation, normals)[:, :3]
         to_light = np.array(self.light_cam_pos) - positions
-        cosine = _dot(normals, to_light)
-        cosine /= np.maximum(np.sqrt(_dot(to_light, to_light)), np.finfo(np.float64).tiny)
+        cosine = dot_rows(normals, to_light)
+        cosine /= np.maximum(np.sqrt(dot_rows(to_light, to_light)), np.finfo(np.float64).tiny)
         weight = np.minimum(self.light_ambient_weight + np.maximum(cosine, 0.0), 1.0)
         picture = np.empty((len(rows["linear"]), 3), np.uint8)
         picture[:] = _quantize(np.array(self.bg_color[:3]))
@@ -293,16 +294,10 @@ def _quantize(codes: NDArray[Any]) -> NDArray[np.uint8]:
     return np.floor(255.0 * codes + 0.5).astype(np.uint8)
 
 
-def _dot(rows: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
-    """Return the scalar product of each row with its other, (N,)."""
-    x, y, z = (rows * others).T
-    return (x + y) + z
-
-
 def _find_fronts(node: Node) -> NDArray[np.float64]:
     """Return vectors to the front of each face, (F, 3), in the world."""
-    corners = transforms.apply(node.world_matrix, node.mesh.vertices)[node.mesh.faces]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vertices = transforms.apply(node.world_matrix, node.mesh.vertices)
+    return compute_area_vectors(vertices, node.mesh.faces, 1.0)
 
 
 def _check_codes(name: str, value: ArrayLike, counts: tuple[int, ...]) -> NDArray[np.float64]:
