@@ -155,18 +155,17 @@ def show_progress_bar(
     callable
         Takes how many are done, and how many there are.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
+    console = _find_console()
 
     def begin(done: int, total: int) -> None:
         if is_told and not quiet and done == 0 and total > 0:
             say(f"{text} ({total} to do)", err=True)
 
-    if quiet or not console.is_terminal:
+    if quiet or console is None:
         yield begin
         return
+    from rich.progress import Progress
+
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(text)
         yield lambda done, total: progress.update(bar, completed=done, total=total)
@@ -176,12 +175,23 @@ def iterate_with_progress(
     items: Iterable[Item], count: int, text: str, quiet: bool
 ) -> Iterator[Item]:
     """Yield the items, with a progress bar if standard error is a terminal."""
-    from rich.console import Console
+    console = _find_console()
+    if quiet or console is None:
+        yield from items
+        return
     from rich.progress import track
 
+    yield from track(items, text, total=count, console=console, transient=True)
+
+
+def _find_console() -> Any:
+    """Return rich's console of standard error; None if that is no terminal, or without rich."""
+    try:
+        from rich.console import Console
+    except ModuleNotFoundError:
+        return None
     console = Console(stderr=True)
-    hidden = quiet or not console.is_terminal
-    yield from track(items, text, total=count, console=console, disable=hidden, transient=True)
+    return console if console.is_terminal else None
 
 
 def format_frame(frame: Frame, total: float) -> str:

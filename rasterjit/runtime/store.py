@@ -785,7 +785,9 @@ def _find_text(kernel: Any, kind: RecordType) -> _LoweredForm | None:
     if symbol is None:
         return None
     lowered, problem = prebuilt_kernels.find_texts()
-    if problem is not None:
+    if problem is not None and lowered is not None:
+        print_once("shipped", f"compiling LLVM's text for {lowered.cpu}: {problem}")
+    elif problem is not None:
         _report_unusable(problem)
     if lowered is None or symbol not in lowered.texts:
         return None
@@ -878,10 +880,11 @@ def inspect_folder(folder: Path) -> StoreContents:
             else:
                 good.append(found[0])
                 size += path.stat().st_size
-    triple, cpu, _ = host()
+    (triple, cpu, _), versions = host(), compiler_versions()
     return StoreContents(
         len(good),
-        sum(one.versions != compiler_versions() for one in good),
+        # Without a compiler, entries made of LLVM's text are in use.
+        0 if versions is None else sum(one.versions != versions for one in good),
         sum((one.triple, one.cpu) != (triple, cpu) for one in good),
         sum(one.sources != _try_hash_sources(one.kernel) for one in good),
         size, damaged, unreadable, list_temporary_files(folder),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from rasterjit.cli import report
 from rasterjit.runtime import jit
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -84,3 +85,11 @@ def test_a_pipe_gets_no_bar(folder, command):
 @pytest.mark.parametrize("command", ["turntable", "dataset"])
 def test_quiet_shows_no_bar_on_a_terminal(folder, command):
     assert BAR not in said(folder, (*COMMANDS[command], "--quiet"), is_terminal=True)
+
+
+def test_without_rich_there_is_no_bar(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rich.console", None)
+    assert [*report.iterate_with_progress([1, 2], 2, "counting", False)] == [1, 2]
+    with report.show_progress_bar("counting", False, is_told=True) as progress:
+        progress(0, 2)
+    assert capsys.readouterr().err == "counting (2 to do)\n"

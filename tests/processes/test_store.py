@@ -827,7 +827,7 @@ def test_the_cpu_is_in_the_name():
     assert len({store.symbol_name(small_kernels.has_index, KIND, one) for one in targets}) == 4
 
 
-def test_contents_are_counted(place):
+def test_contents_are_counted(place, monkeypatch):
     load()
     path = entry(place)
     header, code = store.read_entry(path)
@@ -842,6 +842,9 @@ def test_contents_are_counted(place):
     assert found[:4] == (5, 1, 2, 1)
     assert found.size == sum(one.stat().st_size for one in place.iterdir())
     assert found[5:] == ([], [], [])
+    # What has no compiler has made them of LLVM's text.
+    monkeypatch.setattr(store, "compiler_versions", lambda: None)
+    assert store.inspect_folder(place).other_versions == 0
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such locks")
