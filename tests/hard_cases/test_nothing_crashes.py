@@ -713,6 +713,12 @@ ELSEWHERE = {
     "show": "it opens windows; the viewer's tests refuse its bad input",
     "grid": "it lays pictures out; tests/outputs/test_grid.py refuses its bad input",
     "styles": "a module; what it makes goes to render; tests/styles refuses its bad input",
+    **dict.fromkeys(
+        ("load_cameras", "save_cameras", "CalibratedCamera"),
+        "files and what they hold; tests/io/test_camera_files.py refuses bad input",
+    ),
+    **dict.fromkeys(("Joint", "Joints"), "parts that move; tests/scene/test_joints.py refuses it"),
+    "PyTorch3DFragments": "what Frame.to_pytorch3d returns",
 }
 """Public names that no test here calls, with the reason."""
 
