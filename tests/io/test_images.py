@@ -98,7 +98,7 @@ def test_failed_write_leaves_the_existing_file_whole(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["a", "a.txt", "a.png.gz", "missing/a.png"])
 def test_bad_paths_are_named_before_anything_is_written(tmp_path, name):
-    with pytest.raises(ValueError, match=re.escape(str(Path(name)))):
+    with pytest.raises(ValueError, match=re.escape(repr(str(Path(name)))[1:-1])):
         images.save_image(tmp_path / name, picture())
     assert not files(tmp_path)
 
@@ -166,7 +166,7 @@ def test_a_path_that_cannot_be_is_named(path, tmp_path):
         images.save_image(tmp_path / path, picture())
 
 
-@pytest.mark.parametrize("name", ["a:b.png", "what?.png", "\U0001f986" * 126 + ".png"])
+@pytest.mark.parametrize("name", ["name:stream.png", "what?.png", "\U0001f986" * 126 + ".png"])
 def test_a_name_that_windows_cannot_have_is_refused_there(name, tmp_path, monkeypatch):
     monkeypatch.setattr(images, "IS_WINDOWS", True)
     with pytest.raises(ValueError, match="path must be a name that a file can have"):
