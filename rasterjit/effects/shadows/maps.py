@@ -202,8 +202,9 @@ def draw_shadows(
                 part = slice(count, count + shadow.size * shadow.size)
                 drawings.append((n, k, shadow, part, matrix))
                 count = part.stop
-    first = shadows_stage.FIRST_TEXEL
-    if not drawings or (record and (layouts[:, first] != record.layouts[:, first]).any()):
+    has_map = layouts[:, shadows_stage.FIRST_TEXEL] >= 0
+    expected = has_map if record is None else record.layouts[:, shadows_stage.FIRST_TEXEL] >= 0
+    if not drawings or (has_map != expected).any():
         return None
     # Draw all maps into one array, and find the occlusion limits of soft ones.
     texels = workers.memory.empty((count,), np.float32) if record is None else record.texels
