@@ -1,9 +1,11 @@
 """
-Let Windows' NumPy and Numba run under Wine, whose C library lacks parts of complex numbers.
+Fill gaps of Wine that keep Windows' packages from being loaded.
 
-``python .ci/wine_gaps.py FOLDER`` takes a folder with ``python.exe``. Extension modules that need
-what is missing get another library, whose name is as long: it has these functions, and passes all
-others on to Wine's. Needs pefile and ziglang.
+``python .ci/wine_gaps.py FOLDER`` takes a folder with ``python.exe``. Wine's C library lacks parts
+of complex numbers, which NumPy and Numba need: their extension modules get another library, whose
+name is as long. It has these functions, and passes all others on to Wine's. The library of random
+numbers, which Rust's programs need (lazrs), is missing: a new one passes on to another of Wine's.
+Needs pefile and ziglang.
 """
 
 from __future__ import annotations
@@ -32,6 +34,9 @@ int DllMainCRTStartup(void *module, unsigned reason, void *reserved) { return 1;
 
 MISSING = {"crealf", "cimagf", "creal", "cimag", "creall", "cimagl"}
 
+RANDOM = "bcryptprimitives.dll"
+RANDOM_EXPORTS = ["ProcessPrng = advapi32.SystemFunction036"]
+
 UNUSABLE = ("DLLs/_wmi.pyd",)
 """Asks Wine for facts on the system that end the process; Python does without."""
 
@@ -48,9 +53,8 @@ def imported_names(path: Path) -> set[str]:
         }
 
 
-def make_library(path: Path, names: set[str]) -> None:
-    """Make a library of the functions that are missing, and of others that Wine has."""
-    exports = [name if name in MISSING else f"{name} = ucrtbase.{name}" for name in sorted(names)]
+def make_library(path: Path, exports: list[str]) -> None:
+    """Make a library of functions of the source above, and of others that Wine has."""
     with tempfile.TemporaryDirectory() as place:
         source, definitions = Path(place, "parts.c"), Path(place, "parts.def")
         source.write_text(SOURCE)
@@ -72,7 +76,9 @@ def main(folder: Path) -> None:
             names |= found
             path.write_bytes(path.read_bytes().replace(LIBRARY, STAND_IN))
             print(path.relative_to(folder))
-    make_library(folder / STAND_IN.decode(), names)
+    exports = [name if name in MISSING else f"{name} = ucrtbase.{name}" for name in sorted(names)]
+    make_library(folder / STAND_IN.decode(), exports)
+    make_library(folder / RANDOM, RANDOM_EXPORTS)
 
 
 if __name__ == "__main__":

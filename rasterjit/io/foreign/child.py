@@ -174,7 +174,10 @@ def _apply_limits(request: dict[str, Any], guard: sandbox.Guard) -> None:
     """Restrict this process to the files and memory that a request allows."""
     root, path = os.path.realpath(request["root"]), os.path.realpath(request["path"])
     paths = [root, path, *sandbox.list_library_paths()]
-    # What a program hides from itself it hides from its readers.
+    # What a program hides from itself it hides from its readers. Where nothing forks, this process
+    # has run requests before.
+    for name in [name for name, module in sys.modules.items() if module is None]:
+        del sys.modules[name]
     sys.modules.update(dict.fromkeys(request["hidden"]))
     os.chdir(request["folder"])
     sandbox.limit_memory(request["memory"])
