@@ -12,10 +12,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rasterjit.accuracy.choice import choose, is_measured
+import numpy as np
+
+from rasterjit.accuracy.choice import Choice, choose, is_measured
 from rasterjit.accuracy.report.page import write_page
 from rasterjit.accuracy.report.plots import PAGE_MODULES
-from rasterjit.accuracy.results import EffectCost, Study, Trial
+from rasterjit.accuracy.results import Study, Trial
 from rasterjit.accuracy.sentences import answer, format_options, sentences
 from rasterjit.io.atomic_write import atomic_file, write_text
 
@@ -104,52 +106,28 @@ def write_report(study: Study, output: str | Path) -> list[Path]:
 
 def study_as_json(study: Study) -> dict[str, Any]:
     """Return a study without its pictures as JSON values; an infinite PSNR is null."""
-    return {
-        "scene": study.scene,
-        "size": list(study.size),
-        "threads": study.threads,
-        "rounds": study.rounds,
-        "machine": study.machine,
-        "versions": study.versions,
-        "interrupted": study.interrupted,
-        "reference_seconds": study.reference_seconds,
+    return _without_pictures(study) | {
         "standard": _trial_as_json(study.standard, study),
         "trials": [_trial_as_json(trial, study) for trial in study.trials],
-        "front": list(study.front),
-        "without_effect": study.without_effect,
-        "impossible": study.impossible,
-        "left_out": list(study.left_out),
-        "clock": study.clock,
-        "reference_samples": study.reference_samples,
-        "reference_error": study.reference_error,
-        "asked_size": None if study.asked_size is None else list(study.asked_size),
-        "max_error": study.max_error,
-        "effects": [_cost_as_json(cost, study) for cost in study.effects],
-        "take": _choice_as_json(study),
+        "effects": [
+            vars(cost) | {"levels": [_trial_as_json(level, study) for level in cost.levels]}
+            for cost in study.effects
+        ],
+        "take": choice_as_json(choose(study), study.standard, study.max_error),
         "answer": answer(study),
         "sentences": sentences(study),
     }
 
 
-def _choice_as_json(study: Study) -> dict[str, Any]:
+def choice_as_json(choice: Choice, standard: Trial, max_error: float | None) -> dict[str, Any]:
     """Return the quality to take, and how sure the choice is."""
-    choice = choose(study)
     return {
         "label": choice.trial.label,
-        "options": format_options(choice.trial, study.standard),
+        "options": format_options(choice.trial, standard),
         "quality": asdict(choice.trial.quality),
-        "holds_max_error": choice.holds if study.max_error is not None else None,
+        "holds_max_error": choice.holds if max_error is not None else None,
         "sureness": choice.sureness,
         "better_by_at_most": choice.at_most,
-    }
-
-
-def _cost_as_json(cost: EffectCost, study: Study) -> dict[str, Any]:
-    return {
-        "effect": cost.effect,
-        "rmse": cost.rmse,
-        "reference": cost.reference,
-        "levels": [_trial_as_json(level, study) for level in cost.levels],
     }
 
 
@@ -157,22 +135,21 @@ def _trial_as_json(trial: Trial, study: Study) -> dict[str, Any]:
     errors = trial.errors._asdict()
     if math.isinf(errors["psnr"]):
         errors["psnr"] = None
-    return {
-        "setting": trial.setting,
-        "level": trial.level,
+    return _without_pictures(trial) | {
         "label": trial.label,
         "quality": asdict(trial.quality),
         "median": trial.median,
         "ratio": trial.ratio,
-        "spread": list(trial.spread),
-        "seconds": list(trial.seconds),
-        "ratios": list(trial.ratios),
-        "stages": trial.stages,
+        "spread": trial.spread,
         "errors": errors,
-        "dominated_by": trial.dominated_by,
         "measured": is_measured(trial),
         "on_front": trial.label in study.front,
     }
+
+
+def _without_pictures(result: Study | Trial) -> dict[str, Any]:
+    """Return the fields of a result that are no arrays."""
+    return {k: value for k, value in vars(result).items() if not isinstance(value, np.ndarray)}
 
 
 def _csv_rows(study: Study) -> Iterator[dict[str, Any]]:

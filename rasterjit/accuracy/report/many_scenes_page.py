@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import html
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from rasterjit.accuracy.choice import choose
-from rasterjit.accuracy.report.files import JSON_NAME
+from rasterjit.accuracy.report.files import JSON_NAME, choice_as_json
 from rasterjit.accuracy.report.page import PAGE_NAME, read_template
 from rasterjit.accuracy.results import STANDARD, Trial
 from rasterjit.accuracy.sentences import (
@@ -44,18 +43,11 @@ def write_folder_report(folder_study: FolderStudy, folder: Path) -> list[Path]:
 
 def folder_as_json(folder_study: FolderStudy) -> dict[str, Any]:
     """Return a study as JSON values."""
-    chosen = folder_study.take.trial
+    max_error = folder_study.max_error
     return {
         "folder": folder_study.name,
-        "max_error": folder_study.max_error,
-        "take": {
-            "label": chosen.label,
-            "options": format_options(chosen, folder_study.standard),
-            "quality": asdict(chosen.quality),
-            "holds_max_error": None if folder_study.max_error is None else folder_study.take.holds,
-            "sureness": folder_study.take.sureness,
-            "better_by_at_most": folder_study.take.at_most,
-        },
+        "max_error": max_error,
+        "take": choice_as_json(folder_study.take, folder_study.standard, max_error),
         "answer": " ".join(summarize_folder(folder_study)),
         "scenes": {
             name: {
