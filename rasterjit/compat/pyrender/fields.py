@@ -23,10 +23,13 @@ class Field(Generic[T]):
         such as "must be above 0": the attribute's name is put before it.
     doc : str
         What the attribute is.
+    *default : optional
+        What the constructor of a dataclass sets where it is not given; `dataclasses.MISSING` where
+        it must be.
     """
 
-    def __init__(self, check: Callable[[Any], T], doc: str) -> None:
-        self._check, self.__doc__ = check, doc
+    def __init__(self, check: Callable[..., T], doc: str, *default: Any) -> None:
+        self._check, self.__doc__, self._default = check, doc, default
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name, self._storage_name = name, "_" + name
@@ -37,11 +40,12 @@ class Field(Generic[T]):
     @overload
     def __get__(self, instance: object, owner: type) -> T: ...
 
-    def __get__(self, instance: object | None, owner: type) -> Field[T] | T:
+    def __get__(self, instance: object | None, owner: type) -> Any:
         if instance is None:
-            return self
+            # A dataclass reads its default here.
+            return self._default[0] if self._default else self
         try:
-            return instance.__dict__[self._storage_name]  # type: ignore[no-any-return]
+            return instance.__dict__[self._storage_name]
         except KeyError:
             raise AttributeError(f"{self._name} of {owner.__name__} was not set") from None
 
@@ -57,11 +61,8 @@ class Field(Generic[T]):
 class OwnedField(Field[T]):
     """A `Field` whose check also takes the object that has it: ``check(object, value)``."""
 
-    def __init__(self, check: Callable[[Any, Any], T], doc: str) -> None:
-        self._owned_check, self.__doc__ = check, doc
-
     def _run_check(self, instance: object, value: Any) -> T:
-        return self._owned_check(instance, value)
+        return self._check(instance, value)
 
 
 def check_named(name: str, check: Callable[[Any], T], value: Any) -> T:

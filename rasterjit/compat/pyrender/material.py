@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.constants import TexFlags
 from rasterjit.compat.pyrender.fields import (
@@ -22,6 +23,8 @@ from rasterjit.scene import material
 
 _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
+ColorField = Field[NDArray[np.float32]]
+
 
 def _make_texture_field(channels: str) -> Field[Texture | None]:
     """Return the field of a texture, which is made of a picture if need be."""
@@ -32,26 +35,27 @@ def _make_texture_field(channels: str) -> Field[Texture | None]:
         pixels = format_texture_source(value, channels)
         return Texture(source=pixels, source_channels=channels)
 
-    return Field(checked, f"Texture or None: a picture is made one, of channels {channels}.")
+    return Field(checked, f"Texture or None: a picture is made one, of channels {channels}.", None)
 
 
-def _make_color_field(channels: int, default: float | None = None) -> Field[NDArray[np.float32]]:
-    """Return the field of a colour; None, where it is taken, is a default of all channels."""
+def _make_color_field(channels: int, default: float) -> Field[NDArray[np.float32]]:
+    """Return the field of a colour; None is a default of all channels."""
 
     def checked(value: Any) -> NDArray[np.float32]:
-        is_default = value is None and default is not None
-        return format_color_vector(np.full(channels, default) if is_default else value, channels)
+        return format_color_vector(np.full(channels, default) if value is None else value, channels)
 
-    return Field(checked, f"({channels},) float32: linear light.")
+    return Field(checked, f"({channels},) float32: linear light.", None)
 
 
 def _check_alpha_mode(value: Any) -> str:
-    """Return a mode if it is one."""
+    """Return a mode if it is one; None is OPAQUE."""
+    value = "OPAQUE" if value is None else value
     if not isinstance(value, str) or value not in _ALPHA_MODES:
         raise ValueError(f"must be one of {', '.join(_ALPHA_MODES)}")
     return value
 
 
+@dataclass(eq=False, repr=False)
 class Material:
     """
     What all materials have.
@@ -78,39 +82,22 @@ class Material:
         Naming what is wrong.
     """
 
-    def __init__(
-        self,
-        name: str | None = None,
-        normalTexture: Any = None,
-        occlusionTexture: Any = None,
-        emissiveTexture: Any = None,
-        emissiveFactor: ArrayLike | None = None,
-        alphaMode: str | None = None,
-        alphaCutoff: float | None = None,
-        doubleSided: bool = False,
-        smooth: bool = True,
-        wireframe: bool = False,
-    ) -> None:
-        self.name = name
-        self.normalTexture = normalTexture
-        self.occlusionTexture = occlusionTexture
-        self.emissiveTexture = emissiveTexture
-        self.emissiveFactor = emissiveFactor
-        self.alphaMode = "OPAQUE" if alphaMode is None else alphaMode
-        self.alphaCutoff = 0.5 if alphaCutoff is None else alphaCutoff
-        self.doubleSided = doubleSided
-        self.smooth, self.wireframe = smooth, wireframe
-
-    name = Field(to_text_or_none, "str or None: the material's name.")
-    normalTexture = _make_texture_field("RGB")
-    occlusionTexture = _make_texture_field("R")
-    emissiveTexture = _make_texture_field("RGB")
-    emissiveFactor = _make_color_field(3, 0.0)
-    alphaMode = Field(_check_alpha_mode, "str: OPAQUE, MASK or BLEND.")
-    alphaCutoff = Field(to_share, "float: the least alpha that is seen under MASK.")
-    doubleSided = Field(to_bool, "bool: whether back faces are drawn.")
-    smooth = Field(to_bool, "bool: as it was given.")
-    wireframe = Field(to_bool, "bool: whether edges are drawn in place of faces.")
+    name: Field[str | None] = Field(to_text_or_none, "str or None: the material's name.", None)
+    normalTexture: Field[Texture | None] = _make_texture_field("RGB")
+    occlusionTexture: Field[Texture | None] = _make_texture_field("R")
+    emissiveTexture: Field[Texture | None] = _make_texture_field("RGB")
+    emissiveFactor: ColorField = _make_color_field(3, 0.0)
+    alphaMode: Field[str] = Field(_check_alpha_mode, "str: OPAQUE, MASK or BLEND.", None)
+    alphaCutoff: Field[float] = Field(
+        lambda value: 0.5 if value is None else to_share(value),
+        "float: the least alpha that is seen under MASK.",
+        None,
+    )
+    doubleSided: Field[bool] = Field(to_bool, "bool: whether back faces are drawn.", False)
+    smooth: Field[bool] = Field(to_bool, "bool: as it was given.", True)
+    wireframe: Field[bool] = Field(
+        to_bool, "bool: whether edges are drawn in place of faces.", False
+    )
 
     @property
     def is_transparent(self) -> bool:
@@ -160,6 +147,7 @@ class Material:
         )
 
 
+@dataclass(eq=False, repr=False)
 class MetallicRoughnessMaterial(Material):
     """
     A glTF 2.0 metallic-roughness material.
@@ -181,39 +169,11 @@ class MetallicRoughnessMaterial(Material):
         Naming what is wrong.
     """
 
-    def __init__(
-        self,
-        name: str | None = None,
-        normalTexture: Any = None,
-        occlusionTexture: Any = None,
-        emissiveTexture: Any = None,
-        emissiveFactor: ArrayLike | None = None,
-        alphaMode: str | None = None,
-        alphaCutoff: float | None = None,
-        doubleSided: bool = False,
-        smooth: bool = True,
-        wireframe: bool = False,
-        baseColorFactor: ArrayLike | None = None,
-        baseColorTexture: Any = None,
-        metallicFactor: float | None = 1.0,
-        roughnessFactor: float | None = 1.0,
-        metallicRoughnessTexture: Any = None,
-    ) -> None:
-        super().__init__(
-            name, normalTexture, occlusionTexture, emissiveTexture, emissiveFactor, alphaMode,
-            alphaCutoff, doubleSided, smooth, wireframe,
-        )  # fmt: skip
-        self.baseColorFactor = baseColorFactor
-        self.baseColorTexture = baseColorTexture
-        self.metallicFactor = metallicFactor
-        self.roughnessFactor = roughnessFactor
-        self.metallicRoughnessTexture = metallicRoughnessTexture
-
-    baseColorFactor = _make_color_field(4, 1.0)
-    baseColorTexture = _make_texture_field("RGBA")
-    metallicFactor = Field(to_share_or_one, "float: share of metal.")
-    roughnessFactor = Field(to_share_or_one, "float: roughness.")
-    metallicRoughnessTexture = _make_texture_field("GB")
+    baseColorFactor: ColorField = _make_color_field(4, 1.0)
+    baseColorTexture: Field[Texture | None] = _make_texture_field("RGBA")
+    metallicFactor: Field[float] = Field(to_share_or_one, "float: share of metal.", 1.0)
+    roughnessFactor: Field[float] = Field(to_share_or_one, "float: roughness.", 1.0)
+    metallicRoughnessTexture: Field[Texture | None] = _make_texture_field("GB")
 
     def _get_base(self) -> tuple[NDArray[np.float32], Texture | None]:
         return self.baseColorFactor, self.baseColorTexture
@@ -289,6 +249,7 @@ _make_cached_material = functools.lru_cache(maxsize=1024)(_make_material)
 """Of what has no textures: scenes have many objects of few looks."""
 
 
+@dataclass(eq=False, repr=False)
 class SpecularGlossinessMaterial(Material):
     """
     A glTF material of the extension ``KHR_materials_pbrSpecularGlossiness``.
@@ -316,39 +277,11 @@ class SpecularGlossinessMaterial(Material):
         Naming what is wrong.
     """
 
-    def __init__(
-        self,
-        name: str | None = None,
-        normalTexture: Any = None,
-        occlusionTexture: Any = None,
-        emissiveTexture: Any = None,
-        emissiveFactor: ArrayLike | None = None,
-        alphaMode: str | None = None,
-        alphaCutoff: float | None = None,
-        doubleSided: bool = False,
-        smooth: bool = True,
-        wireframe: bool = False,
-        diffuseFactor: ArrayLike | None = None,
-        diffuseTexture: Any = None,
-        specularFactor: ArrayLike | None = None,
-        glossinessFactor: float = 1.0,
-        specularGlossinessTexture: Any = None,
-    ) -> None:
-        super().__init__(
-            name, normalTexture, occlusionTexture, emissiveTexture, emissiveFactor, alphaMode,
-            alphaCutoff, doubleSided, smooth, wireframe,
-        )  # fmt: skip
-        self.diffuseFactor = np.ones(4) if diffuseFactor is None else diffuseFactor
-        self.diffuseTexture = diffuseTexture
-        self.specularFactor = np.ones(3) if specularFactor is None else specularFactor
-        self.glossinessFactor = glossinessFactor
-        self.specularGlossinessTexture = specularGlossinessTexture
-
-    diffuseFactor = _make_color_field(4)
-    diffuseTexture = _make_texture_field("RGBA")
-    specularFactor = _make_color_field(3)
-    glossinessFactor = Field(to_share, "float: 1 less the roughness.")
-    specularGlossinessTexture = _make_texture_field("GB")
+    diffuseFactor: ColorField = _make_color_field(4, 1.0)
+    diffuseTexture: Field[Texture | None] = _make_texture_field("RGBA")
+    specularFactor: ColorField = _make_color_field(3, 1.0)
+    glossinessFactor: Field[float] = Field(to_share, "float: 1 less the roughness.", 1.0)
+    specularGlossinessTexture: Field[Texture | None] = _make_texture_field("GB")
 
     def _get_base(self) -> tuple[NDArray[np.float32], Texture | None]:
         return self.diffuseFactor, self.diffuseTexture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ _METALLIC, _ROUGHNESS = 0.2, 0.8
 """Of meshes without a material, or with colours alone."""
 
 
+@dataclass(eq=False, repr=False)
 class Mesh:
     """
     Primitives that stand together.
@@ -40,22 +42,12 @@ class Mesh:
         Whether it is drawn.
     """
 
-    def __init__(
-        self,
-        primitives: list[Primitive],
-        name: str | None = None,
-        weights: Any = None,
-        is_visible: bool = True,
-    ) -> None:
-        self.primitives = primitives
-        self.name = name
-        self.weights = weights
-        self.is_visible = is_visible
-
-    primitives = Field[list[Primitive]](keep_any, "list of Primitive: what it is made of.")
-    name = Field(to_text_or_none, "str or None: the mesh's name.")
-    weights = Field(keep_any, "As it was given: nothing here changes shape.")
-    is_visible = Field(keep_any, "bool: whether it is drawn.")
+    primitives: Field[list[Primitive]] = Field(
+        keep_any, "list of Primitive: what it is made of.", MISSING
+    )
+    name: Field[str | None] = Field(to_text_or_none, "str or None: the mesh's name.", None)
+    weights: Field[Any] = Field(keep_any, "As it was given: nothing here changes shape.", None)
+    is_visible: Field[bool] = Field(keep_any, "bool: whether it is drawn.", True)
 
     @property
     def bounds(self) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import MISSING, dataclass, field
 from typing import Any, overload
 
 import numpy as np
@@ -30,6 +31,7 @@ def _check_material(value: Material | None) -> Material:
     return MetallicRoughnessMaterial() if value is None else value
 
 
+@dataclass(eq=False, repr=False)
 class Primitive:
     """
     Triangles, lines or points of one material.
@@ -68,41 +70,9 @@ class Primitive:
         If an array is no such thing, or the mode is unknown.
     """
 
-    def __init__(
-        self,
-        positions: ArrayLike,
-        normals: ArrayLike | None = None,
-        tangents: ArrayLike | None = None,
-        texcoord_0: ArrayLike | None = None,
-        texcoord_1: ArrayLike | None = None,
-        color_0: ArrayLike | None = None,
-        joints_0: Any = None,
-        weights_0: Any = None,
-        indices: ArrayLike | None = None,
-        material: Material | None = None,
-        mode: int | None = None,
-        targets: Any = None,
-        poses: ArrayLike | None = None,
-    ) -> None:
-        self.positions = positions
-        self.normals = normals
-        self.tangents = tangents
-        self.texcoord_0, self.texcoord_1 = texcoord_0, texcoord_1
-        self.color_0 = color_0
-        self.joints_0, self.weights_0 = joints_0, weights_0
-        self.indices = indices
-        self.material = material
-        self.mode = GLTF.TRIANGLES if mode is None else mode
-        self.targets = targets
-        self.poses = poses
-
-    _drawn: dict[Any, Any]
+    _drawn: dict[Any, Any] = field(init=False)
     # What was made of it, by what it was made for.
-    _bounds: Float32 | None
-
-    joints_0 = Field(keep_any, "As it was given: nothing here has skins.")
-    weights_0 = Field(keep_any, "As it was given: nothing here has skins.")
-    targets = Field(keep_any, "As it was given: nothing here changes shape.")
+    _bounds: Float32 | None = field(init=False)
 
     def _check_positions(self, value: ArrayLike) -> Float32:
         """Return positions as float32, (n, 3)."""
@@ -123,10 +93,10 @@ class Primitive:
         is_large = given.size > 0 and given.max() > _MAX_EXACT_INTEGER
         return np.ascontiguousarray(given, np.float64 if is_large else np.float32)
 
-    def _check_mode(self, value: int) -> int:
-        """Return the code of a mode of primitives."""
+    def _check_mode(self, value: int | None) -> int:
+        """Return the code of a mode of primitives; None is triangles."""
         self._clear_cache()
-        mode = int(value)
+        mode = GLTF.TRIANGLES if value is None else int(value)
         if not GLTF.POINTS <= mode <= GLTF.TRIANGLE_FAN:
             raise ValueError(f"must be in 0..6, from GLTF.POINTS on, got {mode}")
         return mode
@@ -166,33 +136,48 @@ class Primitive:
             None if value is None else format_color_array(value, shape), 4
         )
 
-    positions = OwnedField(_check_positions, "(V, 3) float32: positions of the vertices.")
-    normals = OwnedField(
+    positions: Field[Float32] = OwnedField(
+        _check_positions, "(V, 3) float32: positions of the vertices.", MISSING
+    )
+    normals: Field[Float32 | None] = OwnedField(
         lambda self, value: self._check_vertex_rows(value, 3),
         "(V, 3) float32, or None: normals of the vertices.",
+        None,
     )
-    tangents = OwnedField(
+    tangents: Field[Float32 | None] = OwnedField(
         lambda self, value: self._check_vertex_rows(value, 4),
         "(V, 4) float32, or None: as they were given.",
+        None,
     )
-    texcoord_0 = OwnedField(
-        _check_uv, "(V, 2) float32, or None: texture coordinates of the vertices."
+    texcoord_0: Field[Float32 | None] = OwnedField(
+        _check_uv, "(V, 2) float32, or None: texture coordinates of the vertices.", None
     )
-    texcoord_1 = OwnedField(
+    texcoord_1: Field[Float32 | None] = OwnedField(
         lambda self, value: self._check_vertex_rows(value, 2),
         "(V, 2) float32, or None: as they were given.",
+        None,
     )
-    color_0 = OwnedField(_check_colors, "(V, 4) float32, or None: colours of the vertices.")
-    indices = OwnedField(
+    color_0: Field[Float32 | None] = OwnedField(
+        _check_colors, "(V, 4) float32, or None: colours of the vertices.", None
+    )
+    joints_0: Field[Any] = Field(keep_any, "As it was given: nothing here has skins.", None)
+    weights_0: Field[Any] = Field(keep_any, "As it was given: nothing here has skins.", None)
+    indices: Field[NDArray[Any] | None] = OwnedField(
         _check_indices,
         "Vertices in the order of drawing, or None; of the shape they were given in.",
+        None,
     )
-    material = Field(_check_material, "Material: never None.")
-    mode = OwnedField(
-        _check_mode, "int: what is drawn, a code of `GLTF` from ``POINTS`` to ``TRIANGLE_FAN``."
+    material: Field[Material] = Field(_check_material, "Material: never None.", None)
+    mode: Field[int] = OwnedField(
+        _check_mode,
+        "int: what is drawn, a code of `GLTF` from ``POINTS`` to ``TRIANGLE_FAN``.",
+        None,
     )
-    poses = OwnedField(
-        _check_poses, "(N, 4, 4) float32, or None: where instances stand, relative to the node."
+    targets: Field[Any] = Field(keep_any, "As it was given: nothing here changes shape.", None)
+    poses: Field[Float32 | None] = OwnedField(
+        _check_poses,
+        "(N, 4, 4) float32, or None: where instances stand, relative to the node.",
+        None,
     )
 
     @property

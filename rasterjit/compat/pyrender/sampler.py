@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from rasterjit.compat.pyrender.constants import GLTF
@@ -11,6 +12,7 @@ from rasterjit.scene.validation import one_of
 _WRAPS = {GLTF.REPEAT: "repeat", GLTF.CLAMP_TO_EDGE: "clamp", GLTF.MIRRORED_REPEAT: "mirror"}
 
 
+@dataclass(eq=False, repr=False)
 class Sampler:
     """
     How a texture is read; takes glTF's codes.
@@ -25,23 +27,17 @@ class Sampler:
         refused when the texture is drawn.
     """
 
-    def __init__(
-        self,
-        name: str | None = None,
-        magFilter: int | None = None,
-        minFilter: int | None = None,
-        wrapS: int = GLTF.REPEAT,
-        wrapT: int = GLTF.REPEAT,
-    ) -> None:
-        self.name = name
-        self.magFilter, self.minFilter = magFilter, minFilter
-        self.wrapS, self.wrapT = wrapS, wrapT
-
-    name = Field(to_text_or_none, "str or None: the sampler's name.")
-    magFilter = Field(keep_any, "int or None: how texels are enlarged.")
-    minFilter = Field(keep_any, "int or None: how texels are made smaller.")
-    wrapS = Field(keep_any, "int: what lies beyond the left and right edge.")
-    wrapT = Field(keep_any, "int: what lies beyond the lower and upper edge.")
+    name: Field[str | None] = Field(to_text_or_none, "str or None: the sampler's name.", None)
+    magFilter: Field[int | None] = Field(keep_any, "int or None: how texels are enlarged.", None)
+    minFilter: Field[int | None] = Field(
+        keep_any, "int or None: how texels are made smaller.", None
+    )
+    wrapS: Field[int] = Field(
+        keep_any, "int: what lies beyond the left and right edge.", GLTF.REPEAT
+    )
+    wrapT: Field[int] = Field(
+        keep_any, "int: what lies beyond the lower and upper edge.", GLTF.REPEAT
+    )
 
     def convert(self) -> dict[str, Any]:
         """Return what RasterJIT's textures take, or raise ``ValueError`` of an unknown code."""
