@@ -111,7 +111,7 @@ def make_unit_shape(name: str, slices: int, stacks: int, quads: int) -> Triangul
     ``ball``, ``top`` and ``bottom`` of one about its centre, ``tube``, ``cylinder``, ``box``,
     ``square``, ``triangle`` and the three arrows.
     """
-    half, quarter = stacks // 2, 0.5 * math.pi
+    half, quarter = max(1, stacks // 2), 0.5 * math.pi
     if name == "ball":
         return revolve(
             _make_arc(-quarter, quarter, 2 * half, lambda up: 0.5 - up / math.pi), slices

@@ -481,6 +481,24 @@ def test_an_array_of_ones_own_is_filled():
             getattr(renderer, method)(*arguments)
 
 
+def test_what_is_not_there_yet_is_drawn_as_nothing():
+    model = model_of(
+        '<geom type="sphere" size="1"/><body><camera name="own"/></body>', camera=""
+    )  # fmt: skip
+    far = np.float32(model.vis.map.zfar * model.stat.extent)
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        # Before update_scene, and of states that mj_forward has not seen.
+        for update in (None, {"camera": -1}, {"camera": "own"}):
+            if update is not None:
+                renderer.update_scene(mujoco.MjData(model), **update)
+            assert not renderer.render().any()
+            renderer.enable_depth_rendering()
+            assert (renderer.render() == far).all()
+            renderer.enable_segmentation_rendering()
+            assert (renderer.render() == -1).all()
+            renderer.disable_segmentation_rendering()
+
+
 def test_wrong_states_and_options_are_named():
     model = model_of('<geom type="sphere" size="1"/>')
     other = data_of(model_of('<geom type="sphere" size="1"/>' * 2))

@@ -239,11 +239,13 @@ class ModelScene(Scene):
         return self._matrices
 
     def make_camera(self, size: tuple[int, int]) -> MatrixCamera:
-        """Return the current camera for a picture of a size."""
+        """Return the current camera for a picture of a size; before `mj_forward` along -z."""
         one, other = self._geom_scene.camera
         camera = mujoco.mjv_averageCamera(one, other)
         forward, up, eye = (part.tolist() for part in (camera.forward, camera.up, camera.pos))
         right = cross(forward, up)
+        if not any(right):
+            right, forward, up = [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]
         backward = [-part for part in forward]
         view = np.eye(4)
         for row, axis in enumerate((right, cross(right, forward), backward)):

@@ -212,7 +212,9 @@ class Renderer:
             raise ValueError("out must be writable, got an array that is read-only")
         # Programs add geoms to the list after update_scene.
         self._scene.update()
-        if self._mode == "linear":
+        if not self.scene.camera[0].frustum_far:  # Before update_scene.
+            self._write_empty(picture)
+        elif self._mode == "linear":
             self._draw_colors(self._make_camera(), picture)
         else:
             self._draw_shapes(self._make_camera(), picture)

@@ -62,8 +62,8 @@ BOX_SIDES = (
     ((0.625, 0.125), (0.0, 0.25, 0.0), (0.0, 0.0, 0.25)),
     ((0.125, 0.125), (0.25, 0.0, 0.0), (0.0, 0.0, 0.25)),
     ((0.375, 0.375), (0.25, 0.0, 0.0), (0.0, 0.0, -0.25)),
-    ((0.875, 0.125), (0.25, 0.0, 0.0), (0.0, 0.25, 0.0)),
-    ((0.375, 0.125), (-0.25, 0.0, 0.0), (0.0, 0.25, 0.0)),
+    ((0.875, 0.125), (0.25, 0.0, 0.0), (0.0, -0.25, 0.0)),
+    ((0.375, 0.125), (-0.25, 0.0, 0.0), (0.0, -0.25, 0.0)),
 )
 """Of the sides of a box, +x, -x, +y, -y, +z and -z: uv in the middle, and what u and v are by."""
 
@@ -189,16 +189,19 @@ class WorldScene(Scene):
         frames, rows, locals_ = list[Any](), list[int](), list[Float64]()
         for number, body in self._bodies.items():
             first = {BASE: len(frames)}
-            position, turn = pybullet.getBasePositionAndOrientation(number, physicsClientId=client)
-            frames.append((*position, *turn))
+            if body.is_soft:
+                # Its vertices are told in the world.
+                frames.append((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+                self._deform(number, body)
+            else:
+                place = pybullet.getBasePositionAndOrientation(number, physicsClientId=client)
+                frames.append((*place[0], *place[1]))
             if body.links:
                 first.update({link: len(frames) + k for k, link in enumerate(body.links)})
                 states = pybullet.getLinkStates(number, body.links, physicsClientId=client)
                 frames.extend((*state[4], *state[5]) for state in states)
             rows.extend(first[part.link] for part in body.parts)
             locals_.extend(part.local for part in body.parts)
-            if body.is_soft:
-                self._deform(number, body)
         if not rows:
             return
         matrices = read_only(_make_poses(np.array(frames))[rows] @ np.array(locals_))
@@ -226,7 +229,7 @@ class WorldScene(Scene):
         info = pybullet.getDynamicsInfo(number, BASE, physicsClientId=self._client)
         # Bodies are told by their centre of mass; shapes lie in the frame of the base.
         from_center = np.eye(4)
-        if info[10] != RIGID_BODY:
+        if info[10] not in (RIGID_BODY, SOFT_BODY):
             from_center = np.linalg.inv(_make_poses(np.array([(*info[3], *info[4])]))[0])
         is_soft = info[10] == SOFT_BODY
         parts, counts = list[Part](), dict[int, int]()
@@ -250,7 +253,7 @@ class WorldScene(Scene):
             if link == BASE:
                 local = from_center @ local
             if is_soft:
-                local = np.linalg.inv(_get_base_pose(number, self._client))
+                local = np.eye(4)
             try:
                 override = self._find_texture(number, link, index)
             except ValueError as error:
@@ -259,9 +262,6 @@ class WorldScene(Scene):
             flags = self._find_flags(number, link, index)
             for mesh, matrix, own in pieces:
                 texture = own if override is None else override or None
-                if texture is not None and mesh.uv is None:
-                    missing.append("textures of meshes without texture coordinates")
-                    texture = None
                 material = _make_material(
                     tuple(color), texture, is_opaque, gain,
                     bool(flags & pybullet.VISUAL_SHAPE_DOUBLE_SIDED) or is_soft,
@@ -381,12 +381,6 @@ def _find_noted(table: dict[Any, int], number: int, link: int, index: int) -> in
     return table.get((number, link, index), table.get((number, link, -1)))
 
 
-def _get_base_pose(number: int, client: int) -> Float64:
-    """Return the pose of a body's centre, (4, 4)."""
-    position, turn = pybullet.getBasePositionAndOrientation(number, physicsClientId=client)
-    return _make_poses(np.array([(*position, *turn)]))[0]
-
-
 def _make_poses(frames: Float64) -> Float64:
     """Return matrices, (N, 4, 4), of positions and quaternions x, y, z, w, (N, 7)."""
     x, y, z, w = frames[:, 3:].T / np.linalg.norm(frames[:, 3:], axis=1)
@@ -444,13 +438,26 @@ def _get_tube(radius: float, length: float, is_capsule: bool) -> Mesh:
     """Return a cylinder, or a capsule, about the z axis."""
     across = radius, radius
     if not is_capsule:
-        whole = make_unit_shape("cylinder", SLICES, 2, 1)
-        return _make_mesh(scale_and_shift(whole, (*across, 0.5 * length)))
+        whole = make_unit_shape("cylinder", SLICES, 1, 1)
+        return _make_mesh(_wrap_around_y(scale_and_shift(whole, (*across, 0.5 * length))))
     parts = [scale_and_shift(make_unit_shape("tube", SLICES, 1, 1), (*across, 0.5 * length))]
     for name, sign in (("top", 0.5), ("bottom", -0.5)):
         cap = make_unit_shape(name, SLICES, STACKS, 1)
         parts.append(scale_and_shift(cap, (*across, radius), sign * length))
-    return _make_mesh(join(parts))
+    return _make_mesh(_wrap_around_y(join(parts)))
+
+
+def _wrap_around_y(shape: Triangulation) -> Triangulation:
+    """Return a shape that shows a texture in each direction where a ball shows it."""
+    corners = shape.positions[shape.faces]
+    x, y, z = np.moveaxis(corners / np.linalg.norm(corners, axis=2, keepdims=True), 2, 0)
+    u = 0.5 + np.arctan2(x, z) / (2.0 * np.pi)
+    # Faces on the seam go on beyond 1, where the texture repeats itself.
+    u += u.max(axis=1, keepdims=True) - u > 0.5
+    uv = np.stack([u, 0.5 + 0.5 * y], axis=2).reshape(-1, 2)
+    faces = np.arange(shape.faces.size).reshape(-1, 3)
+    every = shape.faces.ravel()
+    return Triangulation(shape.positions[every], faces, shape.normals[every], uv)
 
 
 @functools.cache
@@ -480,10 +487,16 @@ def _load_pieces(path: Path, changed: int) -> list[tuple[Mesh, Float64, Texture 
     for node in scene.every_node():
         mesh = node.mesh
         if isinstance(mesh, Mesh):
-            bare = Mesh(mesh.vertices, mesh.faces, normals=mesh.normals, uv=mesh.uv)
+            uv = _complete_uv(mesh.uv, len(mesh.vertices))
+            bare = Mesh(mesh.vertices, mesh.faces, normals=mesh.normals, uv=uv)
             texture = mesh.material.base_color_texture
             pieces.append((bare, up @ node.world_matrix, texture and _as_codes(texture)))
     return pieces
+
+
+def _complete_uv(uv: Float64 | None, count: int) -> Float64:
+    """Return texture coordinates, (V, 2); a mesh without shows the middle of textures."""
+    return np.full((count, 2), 0.5) if uv is None else uv
 
 
 @functools.lru_cache(maxsize=64)
@@ -514,9 +527,10 @@ def _find_mean(texture: Texture) -> float:
 @functools.lru_cache(maxsize=256)
 def _make_given_mesh(given: GivenMesh) -> Mesh:
     """Return the mesh of arrays; without normals its faces are flat."""
+    uv = _complete_uv(given.uv, len(given.positions))
     if given.normals is None:
-        return Mesh(given.positions, given.faces, uv=given.uv).split_creases(0.0)
-    return Mesh(given.positions, given.faces, normals=given.normals, uv=given.uv)
+        return Mesh(given.positions, given.faces, uv=uv).split_creases(0.0)
+    return Mesh(given.positions, given.faces, normals=given.normals, uv=uv)
 
 
 @functools.lru_cache(maxsize=1024)
