@@ -31,7 +31,6 @@ from rasterjit.inspect.pixel_report import (
     PixelExplanation,
     PrimitiveAtPixel,
 )
-from rasterjit.outputs.ground_truth import add_reversed_depth
 from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
@@ -40,7 +39,7 @@ from rasterjit.pipeline.visibility.alpha_test import make_empty_queue
 from rasterjit.pipeline.visibility.primitive_expansion import PointRule, collect_primitives
 from rasterjit.rendering import frame_shading, planning, supersample
 from rasterjit.rendering.planning import Cull, check_request, choose_camera, cut_by_section
-from rasterjit.rendering.renderer import render
+from rasterjit.rendering.renderer import find_visible, render
 from rasterjit.runtime.background_compile import compile_in_background
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
@@ -55,7 +54,6 @@ from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import update_cache
 from rasterjit.survey.deformation import pose_input
 from rasterjit.survey.effect import with_field
-from rasterjit.survey.packed_scene import make_placement
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -224,50 +222,28 @@ def _draw_visibility(scene: Scene, plan: RenderPlan) -> VisibleScene:
     cache = update_cache(scene.nodes, None, plan.quality, scene.environment is not None)
     arrays = cache.shapes.arrays
     views = object_transforms.transform_nodes_to_view(scene.nodes, plan.camera, plan.size)
-    viewport = visibility_pass.make_viewport(plan.size, plan.quality.subpixel_bits)
-    objects = object_transforms.cull_objects(
-        plan.cull, views.screen_winding, views.mirrored, arrays.face_starts,
-        cache.tables.is_single_sided, arrays.primitive_numbers,
+    seen = find_visible(
+        plan, cache, workers, lambda _: None, views, depth=True, draws=True, lists=True,
+        clip_positions=True,
     )  # fmt: skip
-    vertices = visibility_pass.ModelVertices(
-        cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
-        views.relative_from_model, views.clip_from_relative,
-    )  # fmt: skip
-    alpha_tests = frame_shading.find_hit_tests(plan, cache)
-    primitives = collect_primitives(
-        arrays.primitives, views.relative_from_model, vertices.positions,
-        views.clip_from_relative, plan.size,
-    )  # fmt: skip
-    drawable = visibility_pass.Drawable(
-        vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
-        alpha_tests=alpha_tests, primitives=primitives, is_affine=plan.is_affine,
-    )  # fmt: skip
-    options = visibility_pass.VisibilityOptions(
-        lists=True, clip_positions=True, depth_type=plan.depth_format.kind
-    )
-    coverage = visibility_pass.run_visibility(drawable, options, workers, lambda _: None)
+    coverage, objects, geometry = seen.coverage, seen.objects, seen.geometry
     lists = coverage.lists
     if objects.culled_windings.any():
-        # List the culled faces as well.
+        # The faces that are turned away, too.
         unculled_objects = Objects(objects.face_starts, np.zeros_like(objects.culled_windings))
         starts, binned, _, _ = visibility_pass.set_up_and_bin(
-            lists.faces, unculled_objects, coverage.screen, viewport, workers
+            lists.faces, unculled_objects, coverage.screen, geometry.viewport, workers
         )
         lists = visibility_pass.TileLists(starts, binned, lists.faces)
-    # Colours are those of one sample of many; visibility at the centres is the same.
     if plan.pictures > 1:
-        viewport = viewport._replace(spacing=supersample.sample_spacing(plan.facts.supersamples))
-    geometry = visibility_pass.make_geometry(
-        arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
-    )
-    placement = make_placement(arrays, views)
-    coverage = add_reversed_depth(
-        plan.depth_format, plan.camera, geometry, coverage, workers, placement
-    )
-    placement = frame_shading.adjust_placement(plan, placement)
-    seen = visibility_pass.RasterizedView(
-        objects, plan.depth_format.coefficients, geometry, placement, coverage
-    )
+        spacing = supersample.sample_spacing(plan.facts.supersamples)
+        geometry = geometry._replace(viewport=geometry.viewport._replace(spacing=spacing))
+    placement = frame_shading.adjust_placement(plan, seen.placement)
+    seen = seen._replace(geometry=geometry, placement=placement)
+    primitives = collect_primitives(
+        arrays.primitives, views.relative_from_model, cache.shapes.positions(plan.quality.precision),
+        views.clip_from_relative, plan.size,
+    )  # fmt: skip
     return VisibleScene(scene, cache, plan, arrays, seen, lists, primitives)
 
 
