@@ -95,11 +95,8 @@ def _gather_study_options(shown: RenderOptions, options: dict[str, Any]) -> dict
 
 def study_files(folder: Path, shown: RenderOptions, options: dict[str, Any]) -> FolderStudy:
     """Study the scenes of a folder, print the quality for all of them, and write the reports."""
-    quiet, output, size = (
-        options["quiet"],
-        options["output"],
-        shown.view.find_size(options["size"] or SIZE),
-    )
+    quiet, output = options["quiet"], options["output"]
+    size = shown.view.find_size(options["size"] or SIZE)
     if Path(output).resolve() == folder.resolve():
         raise click.BadOptionUsage("--output", "--output: must not be the folder of the scenes")
     files = {file.relative_to(folder.resolve()).as_posix(): file for file in mesh_files(folder)}

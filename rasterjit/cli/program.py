@@ -374,10 +374,7 @@ def choose_depth_scale(place: Path, depth: NDArray[np.float32]) -> float:
     if not seen.size:
         return DEFAULT_DEPTH_SCALE
     nearest, farthest = float(seen.min()), float(seen.max())
-    low, high = (
-        find_nearest_code(nearest, DEFAULT_DEPTH_SCALE),
-        find_nearest_code(farthest, DEFAULT_DEPTH_SCALE),
-    )
+    low, high = (find_nearest_code(end, DEFAULT_DEPTH_SCALE) for end in (nearest, farthest))
     if low >= 1 and high <= MAX_CODE and high - low >= MIN_DEPTH_CODES - 1:
         return DEFAULT_DEPTH_SCALE
     scale = find_decimal_scale(seen)

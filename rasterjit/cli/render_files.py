@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.cli import report
+from rasterjit.cli import program, report
 from rasterjit.cli.option_types import FiniteType, file_type, lens_type, outputs_type
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
@@ -25,19 +25,6 @@ from rasterjit.cli.options import (
     refuse_picture,
     refuse_unused,
     refuse_without_color,
-)
-from rasterjit.cli.program import (
-    DEFAULT_DEPTH_SCALE,
-    MASK_OUTPUTS,
-    MIN_DEPTH_CODES,
-    choose_size,
-    format_codes_line,
-    get_reason,
-    is_opaque,
-    load_scene,
-    plan_files,
-    refuse_unused_scale,
-    write_files,
 )
 from rasterjit.interrupts import raise_if_interrupted
 
@@ -92,11 +79,12 @@ class PictureOptions:
     scale: float | None = option(
         FiniteType(0.0, min_open=True), metavar="UNITS",
         help="Scene units that a code of a 16-bit .png stands for, as in Frame.save. Default: for "
-        f"--depth, {DEFAULT_DEPTH_SCALE} if that fits and keeps {MIN_DEPTH_CODES} codes, else the "
-        "smallest power of ten that fits; for other outputs, what fits the values best.",
+        f"--depth, {program.DEFAULT_DEPTH_SCALE} if that fits and keeps {program.MIN_DEPTH_CODES} "
+        "codes, else the smallest power of ten that fits; for other outputs, what fits the values "
+        "best.",
     )  # fmt: skip
     mask_file: Path | None = option(file_type("mask"), "--mask", metavar="FILE")
-    mask_of: str = option(click.Choice(MASK_OUTPUTS), default="coverage")
+    mask_of: str = option(click.Choice(program.MASK_OUTPUTS), default="coverage")
     colorbar: bool = flag()
     diagnose: bool = flag()
     stats: bool = flag()
@@ -195,7 +183,7 @@ def write_to_standard_output(
         raise click.UsageError("--output - is the picture alone: leave --stats, --diagnose out")
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / f"picture{PNG}"
-        if len(plan_files(place, asked.outputs, {})[1]) > 1:
+        if len(program.plan_files(place, asked.outputs, {})[1]) > 1:
             raise click.UsageError("--output - is one picture: name one of --outputs")
         render_file(files[0], place, dataclasses.replace(asked, quiet=True), shown)
         content = place.read_bytes()
@@ -219,7 +207,7 @@ def render_files(
         except Exception as error:
             raise_if_interrupted()
             failed += 1
-            report.warn(f"left out {file}: {get_reason(error)}", asked.quiet)
+            report.warn(f"left out {file}: {program.get_reason(error)}", asked.quiet)
     if failed:
         raise click.ClickException(f"{failed} of {len(places)} files could not be drawn")
 
@@ -230,17 +218,17 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOp
 
     view, look, effects, moment = shown
     background, calibrated = asked.background, view.calibrated()
-    size = choose_size(background, view.find_size(asked.size))
+    size = program.choose_size(background, view.find_size(asked.size))
     lens = asked.lens if calibrated is None else calibrated.lens
-    if output.suffix.lower() in OPAQUE_FORMATS and not is_opaque(background):
+    if output.suffix.lower() in OPAQUE_FORMATS and not program.is_opaque(background):
         raise click.BadOptionUsage(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
         )
     if asked.mask_file is None:
         refuse_unused(["mask_of"], "it is for --mask")
     besides = {"--depth": (asked.depth_file, "depth"), "--mask": (asked.mask_file, asked.mask_of)}
-    wanted, places = plan_files(output, asked.outputs, besides)
-    refuse_unused_scale(places)
+    wanted, places = program.plan_files(output, asked.outputs, besides)
+    program.refuse_unused_scale(places)
     if "picture" not in places.values():
         refuse_unused(["colorbar"], f"{output} is no picture of the colour")
     title = look.scalars if asked.colorbar else None
@@ -262,14 +250,14 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOp
         # Said below, as lines.
         silence_warnings(ViewWarning),
     ):
-        scene = moment.apply(load_scene(file, look, effects, quiet), file)
+        scene = moment.apply(program.load_scene(file, look, effects, quiet), file)
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
         style = apply_style(scene, camera, look, effects)
         exposure = report.format_exposure(scene, style)
         frame = style.render(size=size, diagnose=asked.diagnose, threads=asked.threads, **options)
         rendered = time.perf_counter()
-        chosen = write_files(frame, places, asked.scale, title)
+        chosen = program.write_files(frame, places, asked.scale, title)
     saved = time.perf_counter()
     for notice in warnings_of_frame(frame).values():
         report.warn(notice, quiet)
@@ -284,5 +272,5 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOp
         report.print_diagnostics(frame.diagnostics)
     for number, place in enumerate(places):
         told = report.format_frame(frame, saved - start) if number == 0 else ""
-        told += format_codes_line(place, places[place], chosen.get(place))
+        told += program.format_codes_line(place, places[place], chosen.get(place))
         report.say(f"wrote {place}{told}")

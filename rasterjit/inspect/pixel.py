@@ -241,8 +241,8 @@ def _draw_visibility(scene: Scene, plan: RenderPlan) -> VisibleScene:
     placement = frame_shading.adjust_placement(plan, seen.placement)
     seen = seen._replace(geometry=geometry, placement=placement)
     primitives = collect_primitives(
-        arrays.primitives, views.relative_from_model, cache.shapes.positions(plan.quality.precision),
-        views.clip_from_relative, plan.size,
+        arrays.primitives, views.relative_from_model,
+        cache.shapes.positions(plan.quality.precision), views.clip_from_relative, plan.size,
     )  # fmt: skip
     return VisibleScene(scene, cache, plan, arrays, seen, lists, primitives)
 

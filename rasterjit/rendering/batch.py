@@ -35,14 +35,7 @@ from rasterjit.rendering.batch_scheduler import (
     can_batch,
     renew_batch_cache,
 )
-from rasterjit.rendering.planning import (
-    Cull,
-    FrameRequest,
-    check_request,
-    naming,
-    plan_frame,
-    share_clip_planes,
-)
+from rasterjit.rendering.planning import Cull, FrameRequest
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.view_warnings import WarningsOfViews
 from rasterjit.runtime.background_compile import compile_in_background
@@ -220,7 +213,7 @@ def make_stats(counts: NDArray[np.int64], seconds: dict[str, float]) -> FrameSta
 def check_projections(cameras: Sequence[Camera], size: tuple[int, int]) -> None:
     """Raise ``ValueError`` naming the camera whose projection is wrong."""
     for number, camera in enumerate(cameras):
-        with naming(f"cameras[{number}]"):
+        with planning.naming(f"cameras[{number}]"):
             compute_projection(camera, size)
 
 
@@ -373,11 +366,8 @@ def _draw_only_view(
     what: Any, views: BatchViews, threads: int | None
 ) -> tuple[FrameStats, WarningsOfViews]:
     """Draw a lone view; if small, by a renderer that is cached for the next call."""
-    batch_cache, size, quality = (
-        BATCH_CACHES.acquire(what),
-        views.options.size,
-        views.options.quality,
-    )
+    batch_cache = BATCH_CACHES.acquire(what)
+    size, quality = views.options.size, views.options.quality
     is_small = is_small_view(size, views.scene)
     renderer = batch_cache.renderer if batch_cache is not None and is_small else None
     if renderer is None or (renderer.size, renderer.quality) != (size, quality):
@@ -421,7 +411,9 @@ def _draw_groups(what: Any, views: BatchViews, threads: int | None) -> BatchTota
     cache = update_cache(scene.nodes, last_cache, options.quality, has_environment)
     batch_cache = renew_batch_cache(batch_cache, cache)
     # Plan the first view, which finds errors that all of them share.
-    first = plan_frame(options, views.scene_of(0), cameras[0], cache, batch_cache.first).plan
+    first = planning.plan_frame(
+        options, views.scene_of(0), cameras[0], cache, batch_cache.first
+    ).plan
     batch_cache.first = first
     # Split the views into groups, and draw these.
     workers, threads_each = share_threads(threads, None)
@@ -530,7 +522,7 @@ class SingleViewDrawer:
         """Draw a group of views, given their numbers."""
         result = BatchTotals(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
         for number in group:
-            with naming(f"cameras[{number}]"):
+            with planning.naming(f"cameras[{number}]"):
                 frame = _draw_view(self._renderer, self._views, number)
             result.totals[:] += _GET_COUNTS(frame.stats)
             result.warnings.add(number, view_warnings.warnings_of_frame(frame))
@@ -589,7 +581,7 @@ def check_arguments(
         background = read_background(background)
     if isinstance(background, BackgroundImage):
         background.check_size(size)
-    request = check_request(size, quality, outputs, background, cull)
+    request = planning.check_request(size, quality, outputs, background, cull)
     for name in request.outputs:
         if name in output_table.MOTION_OUTPUTS:
             raise ValueError(
@@ -650,7 +642,7 @@ def share_clip_planes_of_frames(
     Cameras of an iterator get their planes one by one, when each frame is planned.
     """
     if isinstance(cameras, Sequence):
-        cameras = share_clip_planes(scene, cameras, options.size, options.quality)
+        cameras = planning.share_clip_planes(scene, cameras, options.size, options.quality)
     yield from cameras
 
 
@@ -715,7 +707,7 @@ def yield_in_order(cameras: Iterable[Camera], pool: Pool) -> Iterator[Any]:
         if not tasks:
             break
         # An error of the first frame may concern all of them: it names no camera.
-        with naming(f"cameras[{taken}]") if taken else nullcontext():
+        with planning.naming(f"cameras[{taken}]") if taken else nullcontext():
             frame = pool.take(tasks[0][0])
         tasks[0][1] -= 1
         if tasks[0][1] == 0:

@@ -64,14 +64,8 @@ from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
-from rasterjit.survey.batched_views import (
-    BatchTransforms,
-    ViewGroup,
-    are_boxes_between,
-    compute_scene_bounds,
-    transform_batched_objects,
-    transform_to_views,
-)
+from rasterjit.survey import batched_views
+from rasterjit.survey.batched_views import BatchTransforms, ViewGroup
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import (
     PLANE_MARGIN,
@@ -185,7 +179,7 @@ class BatchScheduler:
         self._plans: dict[tuple, RenderPlan | None] = {}
         self._lock = forks.lock()
         boxes, places = self.cache.shapes.boxes, self.cache.transforms.world_from_model
-        self._scene_bounds = compute_scene_bounds(boxes, places[np.newaxis])
+        self._scene_bounds = batched_views.compute_scene_bounds(boxes, places[np.newaxis])
 
     def acquire_commands(self, kind: tuple, number: int, camera: Camera) -> CommandBuffer | None:
         """
@@ -233,7 +227,7 @@ class BatchScheduler:
         # Transform the objects of all views.
         known, extents = self.cache.transforms, self.cache.extents
         if places is not None:
-            known = transform_batched_objects(set_exact_last_rows(places))
+            known = batched_views.transform_batched_objects(set_exact_last_rows(places))
             extents = Extents(self.cache.shapes.boxes, known.world_from_model)
         else:
             known = ObjectTransforms(*(part[np.newaxis] for part in known))
@@ -241,7 +235,7 @@ class BatchScheduler:
         view = np.array([camera.view_matrix() for camera in cameras], np.float64)
         eyes = np.array([camera.eye_position() for camera in cameras], np.float64)
         projection = np.array([compute_projection(camera, self.options.size) for camera in cameras])
-        views = transform_to_views(known.world_from_model, eyes, view, projection)
+        views = batched_views.transform_to_views(known.world_from_model, eyes, view, projection)
         measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
         # Place open planes where they clip nothing in view.
         is_clear, far = self._check_planes(cameras, view, known, places is not None)
@@ -265,7 +259,7 @@ class BatchScheduler:
                 projection[n] = compute_projection(moved_cameras[n], self.options.size)
                 has_moved = True
         if has_moved:
-            views = transform_to_views(known.world_from_model, eyes, view, projection)
+            views = batched_views.transform_to_views(known.world_from_model, eyes, view, projection)
             measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
         # Decide which views are drawn together.
         coefficients = np.array([camera.depth_coefficients() for camera in moved_cameras])
@@ -321,11 +315,11 @@ class BatchScheduler:
             far[n] = planes.far * (1.0 - PLANE_MARGIN) if planes.is_far_open else planes.far
         near[near <= 0.0] = -np.inf
         low, high = (
-            compute_scene_bounds(self.cache.shapes.boxes, places.world_from_model)
+            batched_views.compute_scene_bounds(self.cache.shapes.boxes, places.world_from_model)
             if are_moved
             else self._scene_bounds
         )
-        return are_boxes_between(low, high, view, near, far), far
+        return batched_views.are_boxes_between(low, high, view, near, far), far
 
     def _find_crossed_views(
         self, cameras: Sequence[Camera], needs_check: NDArray[np.bool_],

@@ -36,27 +36,14 @@ from rasterjit.pipeline.records import (
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.pipeline.visibility.hierarchical_z import find_tile_depths
 from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
-from rasterjit.rendering import frame_shading, view_warnings
+from rasterjit.rendering import frame_shading, resolve_layers, view_warnings
 from rasterjit.rendering.pass_runner import (
     RecordedCalls,
     RecordingWorkers,
     empty_color,
     list_vertex_steps,
 )
-from rasterjit.rendering.resolve_layers import (
-    MAX_LAYERED_ROWS,
-    MAX_OPAQUE_ROWS,
-    ColorRows,
-    LateToneMapping,
-    Shader,
-    composite_faces,
-    make_sampled_finder,
-    resolve_samples,
-    resolves_and_encodes_at_once,
-    split_rows,
-    split_tone_mapping,
-    tone_map_and_encode,
-)
+from rasterjit.rendering.resolve_layers import ColorRows, LateToneMapping, Shader
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.stage_runner import StageList
 from rasterjit.runtime.state_block import WORD
@@ -102,10 +89,10 @@ def estimate_bytes(plan: RenderPlan, cache: SceneCache) -> int:
     per_face, per_vertex, per_new, per_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
     per_column = of_effects = 0
     if plan.layers is not None and plan.layers.has_blended:
-        per_column = (8 * MAX_LAYERS + 4) * TILE_SIZE + 4 * 16 * MAX_LAYERED_ROWS
+        per_column = (8 * MAX_LAYERS + 4) * TILE_SIZE + 4 * 16 * resolve_layers.MAX_LAYERED_ROWS
     elif plan.layers is not None:
-        per_sample = 4 * TILE_SIZE + 8 * MAX_OPAQUE_ROWS
-        per_column = int(plan.layers.samples) * per_sample + 52 * MAX_OPAQUE_ROWS
+        per_sample = 4 * TILE_SIZE + 8 * resolve_layers.MAX_OPAQUE_ROWS
+        per_column = int(plan.layers.samples) * per_sample + 52 * resolve_layers.MAX_OPAQUE_ROWS
     for planned in plan.planned:
         for _, channels, kind, (columns, rows) in planned.effect.buffers(plan):
             of_effects += channels * np.dtype(kind).itemsize * columns * rows
@@ -550,8 +537,8 @@ class CommandBuffer:
         )  # fmt: skip
         tone_mapping = None
         if plan.layers is not None:
-            shader, tone_mapping = split_tone_mapping(
-                make_sampled_finder(shader, plan.layers.samples)
+            shader, tone_mapping = resolve_layers.split_tone_mapping(
+                fragment_bands.make_sampled_finder(shader, plan.layers.samples)
             )
         shader = shader.prepare_stages(viewer=viewer)
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
@@ -618,11 +605,8 @@ class CommandBuffer:
         calls, lists = self._calls, self._lists
         viewport, samples = shader.geometry.viewport, int(layers.samples)
         # Partition the lists: opaque faces first.
-        opaque_first, opaque_ends, capacity = (
-            lists.binned,
-            lists.starts[1:],
-            MAX_LAYERS * layers.has_blended,
-        )
+        opaque_first, opaque_ends = lists.binned, lists.starts[1:]
+        capacity = MAX_LAYERS * layers.has_blended
         if layers.has_blended:
             opaque_first = np.empty_like(lists.binned)
             opaque_ends = np.empty(len(lists.starts) - 1, np.int64)
@@ -635,16 +619,15 @@ class CommandBuffer:
                 opaque_first, lists.faces, lists.screen, np.float32, shader.alpha_tests
             )
         )
-        points, shifts = (
-            fragment_bands.make_no_points(np.float32),
-            fragment_bands.get_sample_shifts(samples, viewport.grid_bits),
-        )
+        points = fragment_bands.make_no_points(np.float32)
+        shifts = fragment_bands.get_sample_shifts(samples, viewport.grid_bits)
         calls.owners += [tile_args, own_pixel, points, shader]
-        encodes_at_once, table = (
-            resolves_and_encodes_at_once(layers, tone_mapping is not None),
-            srgb_encoding.make_encoding_table(shader.encoding),
+        encodes_at_once = resolve_layers.resolves_and_encodes_at_once(
+            layers, tone_mapping is not None
         )
+        table = srgb_encoding.make_encoding_table(shader.encoding)
         face_memory, part_memory = ReusedMemory(), ReusedMemory()
+        max_rows = resolve_layers.MAX_LAYERED_ROWS if capacity else resolve_layers.MAX_OPAQUE_ROWS
         # Find the faces of a row of tiles, then shade some rows at once.
         for top in range(0, viewport.height, TILE_SIZE):
             rows = top, min(top + TILE_SIZE, viewport.height)
@@ -659,7 +642,7 @@ class CommandBuffer:
             )  # fmt: skip
             if capacity:
                 calls.add_limit(max_layers, capacity)
-            for part in split_rows(shape[2], MAX_LAYERED_ROWS if capacity else MAX_OPAQUE_ROWS):
+            for part in resolve_layers.split_rows(shape[2], max_rows):
                 part_memory.begin()
                 last = min(part.stop, shape[2])
                 in_band, in_frame = slice(part.start, last), slice(top + part.start, top + last)
@@ -668,16 +651,16 @@ class CommandBuffer:
                     linear = part_memory.empty((last - part.start, viewport.width, 4), np.float32)
                 if capacity:
                     images = [*stack[1][0, :, in_band], opaque[0, in_band]]
-                    composite_faces(
+                    resolve_layers.composite_faces(
                         calls, shader, images, in_frame.start, max_layers, linear, part_memory
                     )
                 else:
                     target = ColorRows(linear, color if encodes_at_once else empty_color(linear))
-                    resolve_samples(
+                    resolve_layers.resolve_samples(
                         calls, shader, opaque, (in_band.start, last), top, target, part_memory
                     )
                 if not encodes_at_once:
-                    tone_map_and_encode(
+                    resolve_layers.tone_map_and_encode(
                         calls,
                         tone_mapping,
                         table,

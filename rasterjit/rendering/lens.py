@@ -22,7 +22,7 @@ from rasterjit.outputs.motion import Moment
 from rasterjit.outputs.output_table import MIXED_OUTPUTS
 from rasterjit.pipeline import resampling, srgb_encoding
 from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
-from rasterjit.rendering import view_warnings
+from rasterjit.rendering import planning, view_warnings
 from rasterjit.rendering.lens_views import (
     NOWHERE,
     LensSight,
@@ -33,18 +33,7 @@ from rasterjit.rendering.lens_views import (
     make_sight,
     world_axes,
 )
-from rasterjit.rendering.planning import (
-    FrameRequest,
-    PlannedFrame,
-    choose_camera,
-    cut_by_section,
-    cut_previous_scene,
-    find_scene_plane_needs,
-    has_open_plane,
-    naming,
-    plan_frame,
-    resolve_previous_view,
-)
+from rasterjit.rendering.planning import FrameRequest, PlannedFrame
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
@@ -114,7 +103,7 @@ def plan_with_lens(
     """
     _, quality, outputs, background, _, diagnose, previous = request
     lens, size = check_lens("lens", lens), request.size
-    camera = choose_camera(scene, camera, size)
+    camera = planning.choose_camera(scene, camera, size)
     _check_supported(outputs, diagnose)
     sight = make_sight(lens, camera, size)
     if (
@@ -137,10 +126,10 @@ def plan_with_lens(
         backdrop.check_size(size)
         background = "transparent"
     given_camera = camera
-    if has_open_plane(camera):
+    if planning.has_open_plane(camera):
         # All pictures have the same near and far planes.
         seen = [
-            find_scene_plane_needs(
+            planning.find_scene_plane_needs(
                 scene,
                 camera,
                 picture.size,
@@ -156,7 +145,7 @@ def plan_with_lens(
         picture_camera = make_picture_camera(picture, camera, size, sight)
         picture_request = request._replace(size=picture.size, outputs=drawn, background=background)
         picture_request = picture_request._replace(diagnose=False, previous=None)
-        frames.append(plan_frame(picture_request, scene, picture_camera, cache))
+        frames.append(planning.plan_frame(picture_request, scene, picture_camera, cache))
         cache = frames[-1].cache
     _check_effects([frame.plan for frame in frames])
     # Overlays are drawn over the finished picture.
@@ -177,11 +166,13 @@ def plan_with_lens(
     plan = frames[0].plan.for_picture(
         outputs=outputs, size=size, camera=camera, lens=text, effects=effects
     )
-    previous_view = resolve_previous_view(previous, plan, scene, given_camera)
+    previous_view = planning.resolve_previous_view(previous, plan, scene, given_camera)
     previous_with_sight = None
     if previous_view is not None:
-        with naming("previous.camera"):
-            previous_scene = cut_previous_scene(previous_view[0], cut_by_section(scene))
+        with planning.naming("previous.camera"):
+            previous_scene = planning.cut_previous_scene(
+                previous_view[0], planning.cut_by_section(scene)
+            )
             previous_sight = make_sight(lens, previous_view[1], size)
         previous_with_sight = previous_scene, previous_view[1], previous_sight
     return LensPlan(

@@ -95,28 +95,17 @@ class LensSight(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class PictureCamera:
-    """
-    A camera that projects on another plane than a given one, from the same eye.
-
-    Shares that camera's view space.
-    """
+class DerivedCamera:
+    """A camera with another projection than a given one, from the same eye."""
 
     camera: Camera
-    clip_from_view: Matrix
-    pixels: float = 1.0
-    """Its pixels along each side of a pixel in the middle of the lens's picture."""
 
     def view_matrix(self) -> Matrix:
-        """Return ``view_from_world`` of the camera."""
+        """Return ``view_from_world`` of the given camera."""
         return self.camera.view_matrix()
 
-    def projection_matrix(self, size: tuple[int, int]) -> Matrix:
-        """Return ``clip_from_view``, whatever the size."""
-        return self.clip_from_view.copy()
-
     def eye_position(self) -> Float64:
-        """Return the eye of the camera, world space."""
+        """Return the eye of the given camera, world space."""
         return self.camera.eye_position()
 
     def depth_coefficients(self) -> tuple[float, float, float]:
@@ -124,8 +113,21 @@ class PictureCamera:
         return self.camera.depth_coefficients()
 
     def view_depth(self, stored: ArrayLike) -> Float64:
-        """Return metric depths along the picture's own axis."""
+        """Return metric depths along this camera's own axis."""
         return self.camera.view_depth(stored)
+
+
+@dataclass(frozen=True, eq=False)
+class PictureCamera(DerivedCamera):
+    """A camera that projects on another plane than a given one, in the same view space."""
+
+    clip_from_view: Matrix
+    pixels: float = 1.0
+    """Its pixels along each side of a pixel in the middle of the lens's picture."""
+
+    def projection_matrix(self, size: tuple[int, int]) -> Matrix:
+        """Return ``clip_from_view``, whatever the size."""
+        return self.clip_from_view.copy()
 
 
 class PinholePicture(NamedTuple):

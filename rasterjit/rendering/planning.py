@@ -139,14 +139,13 @@ def make_plan(
     if views is None:
         views = transform_nodes_to_view(scene.nodes, camera, size)
     inventory, extents = summary
-    eye, relative_from_model = np.asarray(camera.eye_position()), views.relative_from_model
-    boxes = Boxes(
-        extents,
-        eye,
-        relative_from_model,
-        views.clip_from_relative,
-        overhang=inventory.pixel_overhang(size),
-    )
+    eye, overhang = np.asarray(camera.eye_position()), inventory.pixel_overhang(size)
+
+    def make_boxes(views: ViewTransforms) -> Boxes:
+        matrices = views.relative_from_model, views.clip_from_relative
+        return Boxes(extents, eye, *matrices, overhang=overhang)
+
+    boxes = make_boxes(views)
     # Place open near and far planes where they clip nothing in view.
     plane_needs = clip_planes.find_plane_needs(
         camera, boxes, scene.nodes, views.clip_from_relative, quality
@@ -154,10 +153,7 @@ def make_plan(
     camera = move_planes(camera, *plane_needs.steps)
     if any(plane_needs.steps):
         views = reproject_views(views, camera, size)
-        boxes = Boxes(
-            extents, eye, relative_from_model, views.clip_from_relative,
-            overhang=inventory.pixel_overhang(size),
-        )  # fmt: skip
+        boxes = make_boxes(views)
     backdrop = read_background(background)
     given_backdrop = None if background is None else backdrop
     last_facts = None if last_plan is None else last_plan.facts

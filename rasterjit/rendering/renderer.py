@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -546,10 +546,8 @@ class Renderer(Guarded):
         self.quality = check_quality(quality)
         self._threads = threads
         self._workers = Workers(thread_count("threads", threads))
-        self._frame_cache, self._frame_cache_lock = (
-            FrameCache(self._workers.memory),
-            threading.Lock(),
-        )
+        self._frame_cache = FrameCache(self._workers.memory)
+        self._frame_cache_lock = threading.Lock()
         self._recorded_frames = RecordedFrames()
         self.warned = set()
 
@@ -581,12 +579,7 @@ class Renderer(Guarded):
     def __enter__(self) -> Renderer:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     @property

@@ -23,16 +23,7 @@ from rasterjit.pipeline.fragments import (
     fragment_bands,
     srgb_compositing,
 )
-from rasterjit.pipeline.fragments.fragment_bands import (
-    MAX_BYTES,
-    Band,
-    Finder,
-    PartitionedLists,
-    find_areas,
-    find_layers,
-    make_sampled_finder,
-    split_tile_lists,
-)
+from rasterjit.pipeline.fragments.fragment_bands import Band, Finder, PartitionedLists
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, ShadingNeeds, rows_where
 from rasterjit.pipeline.records import (
@@ -349,7 +340,7 @@ def resolve_areas(
     memory: Memory,
 ) -> None:
     """Resolve one row of tiles of opaque faces by exact area coverage."""
-    faces, shares, rest = find_areas(rows, lists, shader.finder, memory)
+    faces, shares, rest = fragment_bands.find_areas(rows, lists, shader.finder, memory)
     mixed = memory.empty((len(rest), 4, rest.shape[1]), np.float32)
     mixed[:] = shader.make_background_rows(IMMEDIATE, rest.shape, rows[0], memory).transpose(
         0, 2, 1
@@ -418,7 +409,7 @@ def resolve_layered_samples(
     samples, levels, _, width = band.transparent.shape
     # Per layer and pixel: a face number and a colour.
     per_row = samples * (levels + 1) * width * (4 + 16)
-    max_rows = min(max(MAX_BYTES // 16 // per_row, 1), MAX_LAYERED_ROWS)
+    max_rows = min(max(fragment_bands.MAX_BYTES // 16 // per_row, 1), MAX_LAYERED_ROWS)
     for part in split_rows(len(linear), max_rows):
         first, target = band.first_row + part.start, linear[part]
         opaque = np.ascontiguousarray(band.opaque[:, part])
@@ -511,9 +502,11 @@ def shade(
     ValueError
         If a pixel has more layers than are sorted.
     """
-    shader, tone_mapping = split_tone_mapping(make_sampled_finder(shader, plan.samples))
+    shader, tone_mapping = split_tone_mapping(
+        fragment_bands.make_sampled_finder(shader, plan.samples)
+    )
     viewport = shader.geometry.viewport
-    lists = split_tile_lists(coverage, viewport, plan.is_blended, workers)
+    lists = fragment_bands.split_tile_lists(coverage, viewport, plan.is_blended, workers)
     shader, table = shader.prepare_stages(), srgb_encoding.make_encoding_table(shader.encoding)
     nothing = np.empty((viewport.height, 0), np.uint32)
     packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
@@ -558,7 +551,9 @@ def shade_rows(
     if plan.samples == "area":
         resolve_areas(rows, lists, shader, target, memory)
         return
-    for band in find_layers(rows, lists, int(plan.samples), shader.finder, memory, plan.most):
+    for band in fragment_bands.find_layers(
+        rows, lists, int(plan.samples), shader.finder, memory, plan.most
+    ):
         start, levels = band.first_row - rows[0], band.transparent.shape[1]
         rows_of_band = slice(start, start + band.opaque.shape[1])
         part = ColorRows(target.linear[rows_of_band], target.color[rows_of_band])
@@ -580,7 +575,7 @@ def shade_rows(
 def max_rows_at_once(images: int, width: int) -> int:
     """Return the most rows of so many images of codes that are held at once."""
     per_row = images * width * BYTES_PER_CODE
-    return min(max(MAX_BYTES // 16 // per_row, 1), MAX_LAYERED_ROWS)
+    return min(max(fragment_bands.MAX_BYTES // 16 // per_row, 1), MAX_LAYERED_ROWS)
 
 
 def composite_codes(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Memory) -> None:

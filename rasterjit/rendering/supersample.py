@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.fragments import coverage_resolve, fragment_bands, srgb_compositing
@@ -34,7 +34,7 @@ from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import frame_shading, resolve_layers
-from rasterjit.rendering.lens_views import PictureCamera
+from rasterjit.rendering.lens_views import DerivedCamera, PictureCamera
 from rasterjit.rendering.pass_runner import IMMEDIATE
 from rasterjit.runtime.progress import PICTURE_COUNTERS
 from rasterjit.runtime.threads import Workers, rows_per_task
@@ -76,7 +76,7 @@ class Accumulation:
 
 
 @dataclass(frozen=True)
-class MovedCamera:
+class MovedCamera(DerivedCamera):
     """
     A camera with a sub-pixel offset of the projection (jitter).
 
@@ -90,13 +90,8 @@ class MovedCamera:
         power of two.
     """
 
-    camera: Camera
     offset: Offset
     spacing: float = 1.0
-
-    def view_matrix(self) -> Matrix:
-        """Return ``view_from_world`` of the camera."""
-        return self.camera.view_matrix()
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
         """Return ``clip_from_view``, shifted across the screen by the offset."""
@@ -105,18 +100,6 @@ class MovedCamera:
         matrix[0] -= (2.0 * x / width) * matrix[3]
         matrix[1] += (2.0 * y / height) * matrix[3]
         return matrix
-
-    def eye_position(self) -> NDArray[np.float64]:
-        """Return the eye of the camera, world space."""
-        return self.camera.eye_position()
-
-    def depth_coefficients(self) -> tuple[float, float, float]:
-        """Return the coefficients of the unmoved camera."""
-        return self.camera.depth_coefficients()
-
-    def view_depth(self, stored: ArrayLike) -> NDArray[np.float64]:
-        """Return metric depths, as the unmoved camera does."""
-        return self.camera.view_depth(stored)
 
 
 @dataclass(frozen=True)

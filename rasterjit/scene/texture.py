@@ -15,19 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.forks import cached_property
+from rasterjit.scene import mip_levels
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
 from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.mip_levels import (
-    allocate_levels,
-    compute_mask_levels,
-    compute_weighted_levels,
-    fill_levels,
-    level_sizes,
-    split_bands,
-    split_levels,
-)
 from rasterjit.scene.picture_codes import read_codes
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.scene.warning import warn_caller
@@ -177,14 +169,14 @@ class Pyramid:
 
     def levels(self) -> list[NDArray[np.float32]]:
         """Return all levels, (h, w, 4) float32 each, read-only."""
-        sizes = level_sizes(*self.size)
+        sizes = mip_levels.level_sizes(*self.size)
         if self.codes is None:
-            return split_levels(self._linear_texels(True), sizes)
-        return [self.image, *split_levels(self._linear_texels(True), sizes[1:])]
+            return mip_levels.split_levels(self._linear_texels(True), sizes)
+        return [self.image, *mip_levels.split_levels(self._linear_texels(True), sizes[1:])]
 
     def _linear_texels(self, has_levels: bool) -> NDArray[np.float32]:
         """Return the texels stored as linear light: all, or the levels below a picture of codes."""
-        sizes = level_sizes(*self.size)
+        sizes = mip_levels.level_sizes(*self.size)
         stored_sizes = sizes if self.codes is None else sizes[1:]
         count = sum(width * height for width, height in stored_sizes)
         if not has_levels:
@@ -192,11 +184,13 @@ class Pyramid:
         if len(self._texels) < count:
             buffer = self._buffer
             if buffer is None:
-                buffer = allocate_levels(stored_sizes)
+                buffer = mip_levels.allocate_levels(stored_sizes)
                 buffer[: len(self._texels)] = self._texels
-            levels = split_levels(buffer, stored_sizes)
+            levels = mip_levels.split_levels(buffer, stored_sizes)
             # A picture of linear light is kept once: at the head of its levels.
-            fill_levels(levels if self.codes is None else [self.codes, *levels], self._decode_rows)
+            mip_levels.fill_levels(
+                levels if self.codes is None else [self.codes, *levels], self._decode_rows
+            )
             self._texels, self._buffer = check.read_only(buffer), None
         return self._texels
 
@@ -217,9 +211,9 @@ class Pyramid:
         if chain is None:
             is_weighted = alpha == WEIGHTED
             chain = (
-                compute_weighted_levels(self.image, has_levels)
+                mip_levels.compute_weighted_levels(self.image, has_levels)
                 if is_weighted
-                else compute_mask_levels(self.image, float(alpha), has_levels)
+                else mip_levels.compute_mask_levels(self.image, float(alpha), has_levels)
             )
         # The latest are cached: an animated alpha needs ever new cutoffs.
         self._prepared[alpha, has_levels] = chain
@@ -596,7 +590,7 @@ def _make_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
         codes = image[:, :, :-1] if is_opaque else image
         return Pyramid(check.read_only(np.array(codes, order="C")), color_space)
     # Untouched space for levels takes no memory.
-    buffer = allocate_levels(level_sizes(width, height))
+    buffer = mip_levels.allocate_levels(mip_levels.level_sizes(width, height))
     texels = buffer[:]
     linear = texels[: height * width].reshape(height, width, 4)
     if image.dtype.kind == "f":
@@ -612,7 +606,7 @@ def _make_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
         linear[:, :, :3] = image[:, :, :colors]
         linear[:, :, 3:] = image[:, :, colors:] if has_alpha(image) else 1.0
     else:
-        for rows in split_bands(height, width):
+        for rows in mip_levels.split_bands(height, width):
             linear[rows] = decode_texels(image[rows], color_space)
     texels.setflags(write=False)
     return Pyramid(check.read_only(linear), color_space, buffer)

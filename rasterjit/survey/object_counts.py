@@ -280,11 +280,8 @@ def _count_mesh(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
     """Count the properties of one object, given the textures that are read."""
     material = mesh.material
     without_uv = [name for name, texture in read.items() if mesh.uv_sets[texture.uv_set] is None]
-    is_painted, has_hole, field = (
-        "base_color_texture" in read,
-        may_have_holes(mesh),
-        mesh.vertex_field,
-    )
+    is_painted = "base_color_texture" in read
+    has_hole, field = may_have_holes(mesh), mesh.vertex_field
     is_lit = material.shading in BLINN_PHONG and material.specular > 0.0
     return ObjectCounts(
         # Shading and textures.

@@ -9,16 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.compat.pyrender import fields
 from rasterjit.compat.pyrender.constants import DEFAULT_Z_FAR, DEFAULT_Z_NEAR
-from rasterjit.compat.pyrender.fields import (
-    Field,
-    OwnedField,
-    to_non_negative,
-    to_number,
-    to_positive,
-    to_positive_or_none,
-    to_text_or_none,
-)
+from rasterjit.compat.pyrender.fields import Field, OwnedField
 from rasterjit.scene import transforms
 from rasterjit.scene.validation import finite_number
 
@@ -52,12 +45,12 @@ class Camera(abc.ABC):
         self.znear = znear
         self.zfar = zfar
 
-    name = Field(to_text_or_none, "str or None: the camera's name.")
-    znear = Field(to_non_negative, "float: distance of the near plane, scene units.")
+    name = Field(fields.to_text_or_none, "str or None: the camera's name.")
+    znear = Field(fields.to_non_negative, "float: distance of the near plane, scene units.")
 
     def _check_beyond_near(self, value: Any) -> float:
         """Return a distance beyond the near plane, or raise ``ValueError``."""
-        far = to_number(value)
+        far = fields.to_number(value)
         if far <= 0.0 or far <= self.znear:
             raise ValueError(f"must be above 0 and znear = {self.znear!r}, got {far!r}")
         return far
@@ -119,8 +112,8 @@ class PerspectiveCamera(Camera):
         self.yfov = yfov
         self.aspectRatio = aspectRatio
 
-    yfov = Field(to_positive, "float: vertical field of view, radians.")
-    aspectRatio = Field(to_positive_or_none, "float or None: width over height of the view.")
+    yfov = Field(fields.to_positive, "float: vertical field of view, radians.")
+    aspectRatio = Field(fields.to_positive_or_none, "float or None: width over height of the view.")
 
     zfar = OwnedField(
         Camera._check_beyond_near_or_none, "float or None: distance of the far plane, scene units."
@@ -180,9 +173,9 @@ class OrthographicCamera(Camera):
         super().__init__(znear, zfar, name)
         self.xmag, self.ymag = xmag, ymag
 
-    xmag = Field(to_positive, "float: half the width of what is shown, scene units.")
-    ymag = Field(to_positive, "float: half the height of what is shown, scene units.")
-    znear = Field(to_positive, "float: distance of the near plane, scene units.")
+    xmag = Field(fields.to_positive, "float: half the width of what is shown, scene units.")
+    ymag = Field(fields.to_positive, "float: half the height of what is shown, scene units.")
+    znear = Field(fields.to_positive, "float: distance of the near plane, scene units.")
 
     def get_projection_matrix(
         self, width: int | None = None, height: int | None = None
@@ -230,10 +223,10 @@ class IntrinsicsCamera(Camera):
         self.fx, self.fy = fx, fy
         self.cx, self.cy = cx, cy
 
-    fx = Field(to_number, "float: focal length along x, pixels.")
-    fy = Field(to_number, "float: focal length along y, pixels.")
-    cx = Field(to_number, "float: principal point from the left edge, pixels.")
-    cy = Field(to_number, "float: principal point from the upper edge, pixels.")
+    fx = Field(fields.to_number, "float: focal length along x, pixels.")
+    fy = Field(fields.to_number, "float: focal length along y, pixels.")
+    cx = Field(fields.to_number, "float: principal point from the left edge, pixels.")
+    cy = Field(fields.to_number, "float: principal point from the upper edge, pixels.")
 
     def get_projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:  # type: ignore[override]
         """Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels."""

@@ -19,21 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from rasterjit.io.atomic_write import atomic_file
-from rasterjit.io.camera_files.calibration import (
-    FLIP_YZ,
-    CalibratedCamera,
-    Intrinsics,
-    check_any,
-    image_file_size,
-    join_camera,
-    lens_coefficients,
-    make_lens,
-    naming,
-    reading,
-    refuse,
-    refuse_skew,
-    split_camera,
-)
+from rasterjit.io.camera_files import calibration
+from rasterjit.io.camera_files.calibration import CalibratedCamera, Intrinsics
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.io.resources import Resources
 from rasterjit.scene.arrays import Float64
@@ -55,7 +42,7 @@ def read_bundler(
     file: Path, size: tuple[int, int] | None, left_out: LeftOut
 ) -> list[CalibratedCamera]:
     """Return the cameras that have a pose."""
-    with reading(file, FORMAT):
+    with calibration.reading(file, FORMAT):
         header, _, rest = file.read_text("utf-8").partition("\n")
         if not header.startswith(HEADER_START):
             raise ValueError(f"its first line must be {HEADER!r}, got {header!r}")
@@ -71,7 +58,7 @@ def read_bundler(
     names = _read_names(_list_beside(file), count)
     left_out.note("point", points)
     resources = Resources(file)
-    with reading(file, FORMAT):
+    with calibration.reading(file, FORMAT):
         found = []
         for number, (row, name) in enumerate(zip(rows, names, strict=True)):
             if row[0] == 0.0:
@@ -81,7 +68,7 @@ def read_bundler(
                 found.append(_read_camera(row, name, resources, size))
             except ValueError as error:
                 raise ValueError(f"camera {number}: {error}") from None
-        return check_any(found, left_out)
+        return calibration.check_any(found, left_out)
 
 
 def _check_points(words: list[str], at: int, points: int) -> None:
@@ -105,7 +92,7 @@ def _read_names(file: Path, count: int) -> list[str]:
     """Return the names of images, each the first word of a line; empty ones without a list."""
     if not file.exists():
         return [""] * count
-    with reading(file, "Bundler's list of images"):
+    with calibration.reading(file, "Bundler's list of images"):
         names = [line.split()[0] for line in file.read_text("utf-8").splitlines() if line.strip()]
         if len(names) != count:
             raise ValueError(f"it must name {count} images, got {len(names)}")
@@ -122,10 +109,10 @@ def _read_camera(
     view = np.eye(4)
     view[:3, :3], view[:3, 3] = row[3:12].reshape(3, 3), row[12:]
     if size is None:
-        size = image_file_size(name, resources)
-    lens = make_lens(PinholeDistortion, RADIAL, coefficients, FORMAT)
+        size = calibration.image_file_size(name, resources)
+    lens = calibration.make_lens(PinholeDistortion, RADIAL, coefficients, FORMAT)
     intrinsics = Intrinsics(size, focal, focal, 0.0, size[0] / 2.0, size[1] / 2.0, lens)
-    return join_camera(intrinsics, compose(FLIP_YZ, view), name)
+    return calibration.join_camera(intrinsics, compose(calibration.FLIP_YZ, view), name)
 
 
 def write_bundler(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
@@ -133,11 +120,11 @@ def write_bundler(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     lines = [HEADER, f"{len(cameras)} 0"]
     has_names = any(camera.name for camera in cameras)
     for camera in cameras:
-        with naming(camera):
-            intrinsics, pose = split_camera(camera)
-            lens = lens_coefficients(intrinsics.lens, RADIAL, FORMAT)
-            refuse_skew(intrinsics, FORMAT)
-            refuse(
+        with calibration.naming(camera):
+            intrinsics, pose = calibration.split_camera(camera)
+            lens = calibration.lens_coefficients(intrinsics.lens, RADIAL, FORMAT)
+            calibration.refuse_skew(intrinsics, FORMAT)
+            calibration.refuse(
                 not (intrinsics.is_centered and math.isclose(intrinsics.fx, intrinsics.fy)),
                 "it must have square pixels and its principal point in the middle of the image for "
                 f"{FORMAT}, got {intrinsics}",
@@ -145,8 +132,10 @@ def write_bundler(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
             # Raise before anything is written.
             camera.name.encode()
             is_word = camera.name.split() == [camera.name]
-            refuse(has_names and not is_word, f"it must have a name without spaces for {FORMAT}")
-        view = compose(FLIP_YZ, pose)
+            calibration.refuse(
+                has_names and not is_word, f"it must have a name without spaces for {FORMAT}"
+            )
+        view = compose(calibration.FLIP_YZ, pose)
         for numbers in ([intrinsics.fx, *lens], *view[:3, :3].tolist(), view[:3, 3].tolist()):
             lines.append(" ".join(map(repr, numbers)))
     with ExitStack() as stack:

@@ -17,21 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from rasterjit.io.atomic_write import write_text
-from rasterjit.io.camera_files.calibration import (
-    EQUIDISTANT,
-    RADTAN,
-    CalibratedCamera,
-    Intrinsics,
-    NoLensError,
-    check_any,
-    join_camera,
-    lens_coefficients,
-    make_lens,
-    naming,
-    refuse_moved,
-    refuse_skew,
-    split_camera,
-)
+from rasterjit.io.camera_files import calibration
+from rasterjit.io.camera_files.calibration import CalibratedCamera, Intrinsics, NoLensError
 from rasterjit.io.camera_files.yaml_files import format_numbers, quote_yaml
 from rasterjit.io.gltf.json_checks import get_list, get_numbers, quote, require
 from rasterjit.io.load_warnings import LeftOut
@@ -42,8 +29,8 @@ from rasterjit.scene.validation import finite_array, image_size
 FORMAT = "Kalibr"
 
 DISTORTIONS = {
-    "radtan": (PinholeDistortion, RADTAN),
-    "equidistant": (FisheyeLens, EQUIDISTANT),
+    "radtan": (PinholeDistortion, calibration.RADTAN),
+    "equidistant": (FisheyeLens, calibration.EQUIDISTANT),
     "fov": (PinholeDistortion, ("w",)),
     "none": (PinholeDistortion, ()),
 }
@@ -79,12 +66,12 @@ def read_kalibr(document: dict[str, Any], left_out: LeftOut) -> list[CalibratedC
                 step = finite_array("T_cn_cnm1", require(values, "T_cn_cnm1"), (4, 4))
                 pose = compose(step, pose)
             topic = values.get("rostopic", name)
-            found.append(join_camera(_read_intrinsics(values), pose, str(topic)))
+            found.append(calibration.join_camera(_read_intrinsics(values), pose, str(topic)))
         except NoLensError as error:
             left_out.note(f"camera without a lens here, {error}")
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
-    return check_any(found, left_out)
+    return calibration.check_any(found, left_out)
 
 
 def _read_intrinsics(values: dict[str, Any]) -> Intrinsics:
@@ -99,7 +86,7 @@ def _read_intrinsics(values: dict[str, Any]) -> Intrinsics:
     fx, fy, cx, cy = get_numbers(values, "intrinsics", (0.0,) * 4)
     coefficients = get_numbers(values, "distortion_coeffs", (0.0,) * len(names)) if names else ()
     size = image_size("resolution", get_list(values, "resolution"))
-    lens = make_lens(kind, names, coefficients, f"distortion_model {distortion!r}")
+    lens = calibration.make_lens(kind, names, coefficients, f"distortion_model {distortion!r}")
     return Intrinsics(size, fx, fy, 0.0, cx + 0.5, cy + 0.5, lens)
 
 
@@ -107,14 +94,14 @@ def write_kalibr(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     """Write a chain, or raise ``ValueError``."""
     lines, before = [], identity()
     for number, camera in enumerate(cameras):
-        with naming(camera):
-            intrinsics, pose = split_camera(camera)
-            refuse_skew(intrinsics, FORMAT)
+        with calibration.naming(camera):
+            intrinsics, pose = calibration.split_camera(camera)
+            calibration.refuse_skew(intrinsics, FORMAT)
             if not number:
-                refuse_moved(pose, FORMAT)
+                calibration.refuse_moved(pose, FORMAT)
             size, fx, fy, _, cx, cy, lens = intrinsics
             model = "equidistant" if isinstance(lens, FisheyeLens) else "radtan"
-            coefficients = lens_coefficients(lens, DISTORTIONS[model][1], FORMAT)
+            coefficients = calibration.lens_coefficients(lens, DISTORTIONS[model][1], FORMAT)
             name = quote_yaml(camera.name)
         lines += [
             f"cam{number}:",

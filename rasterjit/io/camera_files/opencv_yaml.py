@@ -20,20 +20,8 @@ from typing import Any
 import numpy as np
 
 from rasterjit.io.atomic_write import write_text
-from rasterjit.io.camera_files.calibration import (
-    EQUIDISTANT,
-    CalibratedCamera,
-    Intrinsics,
-    NoLensError,
-    join_camera,
-    lens_coefficients,
-    make_lens,
-    naming,
-    reading,
-    refuse,
-    refuse_moved,
-    split_camera,
-)
+from rasterjit.io.camera_files import calibration
+from rasterjit.io.camera_files.calibration import CalibratedCamera, Intrinsics, NoLensError
 from rasterjit.io.camera_files.yaml_files import format_numbers, get_matrix, quote_yaml, read_yaml
 from rasterjit.io.cameras import intrinsic_matrix
 from rasterjit.io.gltf.json_checks import get_integer, get_list
@@ -106,7 +94,7 @@ def read_opencv(
     except NoLensError as error:
         raise ValueError(f"no lens here stands for {error}") from None
     names = _read_names(document, len(poses))
-    return [join_camera(*one) for one in zip(inner, poses, names, strict=True)]
+    return [calibration.join_camera(*one) for one in zip(inner, poses, names, strict=True)]
 
 
 def _read_names(document: dict[str, Any], count: int) -> list[str]:
@@ -129,13 +117,13 @@ def _read_intrinsics(
         values = get_matrix(document, coefficients).ravel().tolist()
     is_fisheye = document.get("distortion_model") in FISHEYE_MODELS
     if is_fisheye or document.get("fisheye_model") in (1, True):
-        if len(values) != len(EQUIDISTANT):
+        if len(values) != len(calibration.EQUIDISTANT):
             raise ValueError(f"{coefficients} of a fisheye must be 4 numbers, got {len(values)}")
-        lens = make_lens(FisheyeLens, EQUIDISTANT, values, FORMAT)
+        lens = calibration.make_lens(FisheyeLens, calibration.EQUIDISTANT, values, FORMAT)
     elif len(values) not in COUNTS:
         raise ValueError(f"{coefficients} must be 4, 5, 8, 12 or 14 numbers, got {len(values)}")
     else:
-        lens = make_lens(PinholeDistortion, COEFFICIENTS[: len(values)], values, FORMAT)
+        lens = calibration.make_lens(PinholeDistortion, COEFFICIENTS[: len(values)], values, FORMAT)
     return Intrinsics(size, fx, fy, skew, cx + 0.5, cy + 0.5, lens)
 
 
@@ -155,7 +143,7 @@ def _read_stereo_pose(file: Path, document: dict[str, Any], left_out: LeftOut) -
         other = file.with_name(file.name.replace("intrinsics", "extrinsics"))
         if other == file or not other.exists():
             raise ValueError("R and T, from the first camera to the second, are missing")
-        with reading(other, FORMAT):
+        with calibration.reading(other, FORMAT):
             document = read_yaml(other)
             for key in document.keys() - {"R", "T"}:
                 left_out.note(str(key))
@@ -201,16 +189,18 @@ def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     """Write a calibration of one camera in several views, or of two, or raise ``ValueError``."""
     inner, poses, quoted = [], [], []
     for camera in cameras:
-        with naming(camera):
-            one, pose = split_camera(camera)
+        with calibration.naming(camera):
+            one, pose = calibration.split_camera(camera)
             inner.append(one)
             poses.append(pose)
             quoted.append(quote_yaml(camera.name))
-            refuse(one.size != inner[0].size, f"it must have the size of others for {FORMAT}")
+            calibration.refuse(
+                one.size != inner[0].size, f"it must have the size of others for {FORMAT}"
+            )
             kinds = [isinstance(lens, FisheyeLens) for lens in (one.lens, inner[0].lens)]
-            refuse(kinds[0] != kinds[1], f"it must have a lens as others for {FORMAT}")
-            names = EQUIDISTANT if kinds[0] else COEFFICIENTS
-            lens_coefficients(one.lens, names, FORMAT)
+            calibration.refuse(kinds[0] != kinds[1], f"it must have a lens as others for {FORMAT}")
+            names = calibration.EQUIDISTANT if kinds[0] else COEFFICIENTS
+            calibration.lens_coefficients(one.lens, names, FORMAT)
     first = inner[0]
     lines = ["%YAML:1.0", "---", f"image_width: {first.size[0]}", f"image_height: {first.size[1]}"]
     if isinstance(first.lens, FisheyeLens):
@@ -221,12 +211,12 @@ def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
             rows = [[*_rotation_vector(pose), *pose[:3, 3].tolist()] for pose in poses]
             lines += _format_matrix("extrinsic_parameters", rows)
     else:
-        refuse(
+        calibration.refuse(
             len(cameras) != 2,
             f"cameras must have the same intrinsics, or be two, for {FORMAT}, got {len(cameras)}",
         )
-        with naming(cameras[0]):
-            refuse_moved(poses[0], FORMAT)
+        with calibration.naming(cameras[0]):
+            calibration.refuse_moved(poses[0], FORMAT)
         for one, keys in zip(inner, STEREO[0], strict=True):
             lines += _format_intrinsics(one, *keys)
         step = compose(poses[1], inverse(poses[0]))
@@ -241,8 +231,8 @@ def _format_intrinsics(intrinsics: Intrinsics, matrix: str, coefficients: str) -
     """Return the lines of K and of the coefficients of a camera."""
     _, fx, fy, skew, cx, cy, lens = intrinsics
     k = [[fx, skew, cx - 0.5], [0.0, fy, cy - 0.5], [0.0, 0.0, 1.0]]
-    names = EQUIDISTANT if isinstance(lens, FisheyeLens) else COEFFICIENTS
-    values = lens_coefficients(lens, names, FORMAT)
+    names = calibration.EQUIDISTANT if isinstance(lens, FisheyeLens) else COEFFICIENTS
+    values = calibration.lens_coefficients(lens, names, FORMAT)
     if not isinstance(lens, FisheyeLens):
         values = values[: next(n for n in COUNTS[2:] if not any(values[n:]))]
     return _format_matrix(matrix, k) + _format_matrix(coefficients, [[value] for value in values])

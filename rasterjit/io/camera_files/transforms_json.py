@@ -23,24 +23,8 @@ from typing import Any
 import numpy as np
 
 from rasterjit.io.atomic_write import write_text
-from rasterjit.io.camera_files.calibration import (
-    EQUIDISTANT,
-    FLIP_YZ,
-    CalibratedCamera,
-    Intrinsics,
-    NoLensError,
-    check_any,
-    image_file_size,
-    join_camera,
-    lens_coefficients,
-    make_lens,
-    make_panorama,
-    naming,
-    reading,
-    refuse,
-    refuse_skew,
-    split_camera,
-)
+from rasterjit.io.camera_files import calibration
+from rasterjit.io.camera_files.calibration import CalibratedCamera, Intrinsics, NoLensError
 from rasterjit.io.cameras import view_from_pose
 from rasterjit.io.gltf.json_checks import get_integer, get_list, get_number, get_numbers, require
 from rasterjit.io.load_warnings import LeftOut
@@ -78,7 +62,7 @@ def read_transforms(
     file: Path, size: tuple[int, int] | None, left_out: LeftOut
 ) -> list[CalibratedCamera]:
     """Return the cameras of all frames."""
-    with reading(file, FORMAT):
+    with calibration.reading(file, FORMAT):
         document = json.loads(file.read_text("utf-8"))
         if not isinstance(document, dict) or "frames" not in document:
             raise ValueError("frames is missing")
@@ -94,7 +78,7 @@ def read_transforms(
                 left_out.note(f"frame of a camera without a lens here, {error}")
             except ValueError as error:
                 raise ValueError(f"frame {number}: {error}") from None
-        return check_any(found, left_out)
+        return calibration.check_any(found, left_out)
 
 
 def _note_keys(values: dict[str, Any], known: Sequence[str], left_out: LeftOut) -> None:
@@ -115,7 +99,7 @@ def _read_frame(
     if "w" in values or "h" in values:
         size = image_size("w and h", (get_integer(values, "w"), get_integer(values, "h")))
     elif size is None:
-        size = image_file_size(name, resources)
+        size = calibration.image_file_size(name, resources)
     rows = get_list(values, "transform_matrix")
     matrix = [get_numbers({"row": row}, "row", (0.0,) * 4) for row in rows]
     if len(matrix) not in (3, 4):
@@ -123,14 +107,14 @@ def _read_frame(
     pose = np.vstack([matrix, np.eye(4)[len(matrix) :]])
     view = view_from_pose(pose, "transform_matrix")
     intrinsics = _read_intrinsics(values, size)
-    return join_camera(intrinsics, transforms.compose(FLIP_YZ, view), name)
+    return calibration.join_camera(intrinsics, transforms.compose(calibration.FLIP_YZ, view), name)
 
 
 def _read_intrinsics(values: dict[str, Any], size: tuple[int, int]) -> Intrinsics:
     """Return the intrinsics of a frame."""
     model = values.get("camera_model", "OPENCV")
     if model == PANORAMA:
-        return make_panorama(size, model)
+        return calibration.make_panorama(size, model)
     if model not in PERSPECTIVE + FISHEYE:
         raise NoLensError(f"camera_model {model!r}")
     for key in OTHER_PROJECTIONS:
@@ -149,10 +133,10 @@ def _read_intrinsics(values: dict[str, Any], size: tuple[int, int]) -> Intrinsic
     )
     # For instant-ngp a fisheye without coefficients is none.
     if model in FISHEYE or (values.get("is_fisheye") is True and any((k1, k2, k3, k4))):
-        lens = make_lens(FisheyeLens, EQUIDISTANT, (k1, k2, k3, k4), model)
+        lens = calibration.make_lens(FisheyeLens, calibration.EQUIDISTANT, (k1, k2, k3, k4), model)
     else:
         names = (*RADIAL_AND_TANGENTIAL, FOURTH)
-        lens = make_lens(PinholeDistortion, names, (k1, k2, k3, p1, p2, k4), model)
+        lens = calibration.make_lens(PinholeDistortion, names, (k1, k2, k3, p1, p2, k4), model)
     return Intrinsics(size, fx, fy, 0.0, cx, cy, lens)
 
 
@@ -196,18 +180,24 @@ def write_blender(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     listed = [_split_frame(camera, BLENDER) for camera in cameras]
     first, document, _ = listed[0]
     for camera, (intrinsics, _, frame) in zip(cameras, listed, strict=True):
-        with naming(camera):
+        with calibration.naming(camera):
             is_plain = intrinsics.is_centered and math.isclose(intrinsics.fx, intrinsics.fy)
-            refuse(
+            calibration.refuse(
                 not is_plain or intrinsics.lens is not None,
                 "it must have square pixels, its principal point in the middle of the image and no "
                 f"lens for {BLENDER}, got {intrinsics}",
             )
             is_same = intrinsics.size == first.size and math.isclose(intrinsics.fx, first.fx)
-            refuse(not is_same, f"it must have the size and focal length of others for {BLENDER}")
+            calibration.refuse(
+                not is_same, f"it must have the size and focal length of others for {BLENDER}"
+            )
             stem = camera.name.removesuffix(DEFAULT_SUFFIX)
-            refuse(stem == camera.name, f"it must have an image {DEFAULT_SUFFIX} for {BLENDER}")
-            refuse(bool(PurePosixPath(stem).suffix), f"it must have one suffix for {BLENDER}")
+            calibration.refuse(
+                stem == camera.name, f"it must have an image {DEFAULT_SUFFIX} for {BLENDER}"
+            )
+            calibration.refuse(
+                bool(PurePosixPath(stem).suffix), f"it must have one suffix for {BLENDER}"
+            )
             frame["file_path"] = stem
     angle = document["camera_angle_x"]
     _write(file, {"camera_angle_x": angle, "frames": [frame for *_, frame in listed]})
@@ -217,10 +207,10 @@ def _split_frame(
     camera: CalibratedCamera, file_format: str
 ) -> tuple[Intrinsics, dict[str, Any], dict[str, Any]]:
     """Return the intrinsics of a camera, those by their keys, and its frame, or raise."""
-    with naming(camera):
-        refuse(not camera.name, f"it must have the name of its image for {file_format}")
-        intrinsics, _ = split_camera(camera)
-        refuse_skew(intrinsics, file_format)
+    with calibration.naming(camera):
+        calibration.refuse(not camera.name, f"it must have the name of its image for {file_format}")
+        intrinsics, _ = calibration.split_camera(camera)
+        calibration.refuse_skew(intrinsics, file_format)
         pose = transforms.inverse(camera.camera.view_matrix()).tolist()
         frame = {"file_path": camera.name, "transform_matrix": pose}
         return intrinsics, list_intrinsics(intrinsics), frame
@@ -245,8 +235,8 @@ def list_intrinsics(intrinsics: Intrinsics) -> dict[str, Any]:
         return document | {"camera_model": PANORAMA}
     if lens is None:
         return document
-    names = EQUIDISTANT if isinstance(lens, FisheyeLens) else RADIAL_AND_TANGENTIAL
-    document |= zip(names, lens_coefficients(lens, names, FORMAT), strict=True)
+    names = calibration.EQUIDISTANT if isinstance(lens, FisheyeLens) else RADIAL_AND_TANGENTIAL
+    document |= zip(names, calibration.lens_coefficients(lens, names, FORMAT), strict=True)
     if isinstance(lens, FisheyeLens):
         document |= {"camera_model": "OPENCV_FISHEYE", "is_fisheye": True}
     return document

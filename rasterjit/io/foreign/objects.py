@@ -16,14 +16,8 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import MAX_REASON_LENGTH, LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud, Context, LineSet
 from rasterjit.io.resources import MAX_NAME_LENGTH
-from rasterjit.io.text.mesh_builder import (
-    Geometry,
-    MeshData,
-    build_scene,
-    srgb_to_rgba,
-    triangulate,
-    triangulate_strips,
-)
+from rasterjit.io.text import mesh_builder
+from rasterjit.io.text.mesh_builder import Geometry, MeshData
 from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.lines import split_into_segments
 from rasterjit.scene.mesh import OnInvalid
@@ -287,7 +281,7 @@ def _make_geometries(
             [np.full(len(corners), corners.shape[1]) for corners, _ in polygons.blocks]
         )
         corners = polygons.corners()
-        corner_rows, polygon_numbers = triangulate(counts, by_size=False)
+        corner_rows, polygon_numbers = mesh_builder.triangulate(counts, by_size=False)
         check_corners(corners, len(points), source)
         cells, used = polygons.numbers()[polygon_numbers], None
         if is_solid:
@@ -432,7 +426,7 @@ def _read_arrays(data: Any, active: str | None, excluded: set[str]) -> _DataArra
     for name in data.keys():  # noqa: SIM118 - it is no mapping
         values = np.asarray(data[name])
         if name == active and are_byte_colors(values):
-            arrays.colors = srgb_to_rgba(values)
+            arrays.colors = mesh_builder.srgb_to_rgba(values)
         elif name == active and is_scalar(values):
             arrays.scalars = arrays.others[name] = values.reshape(-1)
         elif name not in excluded and not name.startswith(_INTERNAL_PREFIX):
@@ -498,10 +492,10 @@ def _triangulate_cells(
     cell_numbers = np.flatnonzero(is_polygon) + begins["faces"]
     faces, polygons = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
     if len(cell_numbers):
-        corner_rows, polygons = triangulate(counts[is_polygon], by_size=False)
+        corner_rows, polygons = mesh_builder.triangulate(counts[is_polygon], by_size=False)
         faces, polygons = corners[corner_rows], cell_numbers[polygons]
     corners, counts = cells["strips"]
-    corner_rows, strips = triangulate_strips(counts)
+    corner_rows, strips = mesh_builder.triangulate_strips(counts)
     faces = np.concatenate([faces, corners[corner_rows]])
     return faces, np.concatenate([polygons, strips + begins["strips"]])
 
@@ -647,7 +641,7 @@ def _get_if_fits(values: Any, rows: NDArray[Any]) -> NDArray[Any] | None:
 def _convert_colors(values: Any, rows: NDArray[Any]) -> NDArray[np.float32] | None:
     """Return colours, linear RGBA, if there are as many as rows."""
     array = _get_if_fits(values, rows)
-    return None if array is None or not len(array) else srgb_to_rgba(array)
+    return None if array is None or not len(array) else mesh_builder.srgb_to_rgba(array)
 
 
 _CONVERTERS: dict[str, Callable[[Any, str, LeftOut], list[Geometry]]] = {
@@ -682,4 +676,4 @@ def convert_foreign(
     """
     source = describe_object(what)
     things = _CONVERTERS[str(find_package(what))](what, source, left_out)
-    return build_scene(things, Context(source, on_invalid, crease_angle, left_out))
+    return mesh_builder.build_scene(things, Context(source, on_invalid, crease_angle, left_out))

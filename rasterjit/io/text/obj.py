@@ -17,15 +17,8 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud, LineSet
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import (
-    COLORS_NOTE,
-    Geometry,
-    MeshData,
-    Names,
-    number_rows,
-    srgb_to_rgba,
-    triangulate,
-)
+from rasterjit.io.text import mesh_builder
+from rasterjit.io.text.mesh_builder import Geometry, MeshData, Names
 from rasterjit.io.text.mtl import MtlLibrary
 from rasterjit.io.text.number_parser import (
     MEMORY_PER_CORNER,
@@ -425,7 +418,7 @@ class _ObjFile:
         if has_normals:
             # Corners without a normal, -1, have one of their own: none is below zero.
             numbers[:, -1] += 1
-        rows, which = number_rows(numbers)
+        rows, which = mesh_builder.number_rows(numbers)
         references = refs[rows]
         uv = self._tables["vt"][references[:, 1]] if has_uv and len(self._tables["vt"]) else None
         normals, lacks_normal = None, references[:, 2] < 0
@@ -439,11 +432,11 @@ class _ObjFile:
             material = Material(name="material_0")
         colors = None
         if table.shape[1] == 6 and material is not None:
-            self._left_out.note(COLORS_NOTE)
+            self._left_out.note(mesh_builder.COLORS_NOTE)
         else:
             colors = _convert_colors(table)
         is_even = bool((counts == counts[0]).all())
-        corners, _ = triangulate(counts, by_size=is_even)
+        corners, _ = mesh_builder.triangulate(counts, by_size=is_even)
         faces = which[corners]
         bare = np.any(lacks_normal[faces], axis=1) if has_normals else None
         return MeshData(name, table[:, :3], faces, normals, uv, colors, material, bare=bare)
@@ -451,7 +444,7 @@ class _ObjFile:
 
 def _convert_colors(table: NDArray[np.float64]) -> NDArray[np.float32] | None:
     """Return the colours after positions, linear RGBA, or None."""
-    return srgb_to_rgba(table[:, 3:]) if table.shape[1] == 6 else None
+    return mesh_builder.srgb_to_rgba(table[:, 3:]) if table.shape[1] == 6 else None
 
 
 def _parse_corner(word: str) -> list[int]:

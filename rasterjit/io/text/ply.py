@@ -20,19 +20,8 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Cloud, LineSet
 from rasterjit.io.resources import RefusedFileError, Resources, quote_name
-from rasterjit.io.text.mesh_builder import (
-    COLORS_NOTE,
-    POLYGON_CORNER_MEMORY,
-    Geometry,
-    MeshData,
-    Names,
-    normalize_names,
-    number_rows,
-    select_polygons,
-    srgb_to_rgba,
-    triangulate,
-    triangulate_strips,
-)
+from rasterjit.io.text import mesh_builder
+from rasterjit.io.text.mesh_builder import Geometry, MeshData, Names
 from rasterjit.io.text.mtl import MtlMaterial, convert_mtl_material
 from rasterjit.io.text.number_parser import (
     MEMORY_PER_BINARY_BYTE,
@@ -204,7 +193,7 @@ def _make_cloud(path: Path, vertex: _Element, left_out: LeftOut) -> Cloud:
     used = vertex.present(_POSITION) | vertex.present(_NORMAL) | vertex.present(*_COLORS)
     return Cloud(
         path.name, positions[valid].astype(np.float64),
-        None if colors is None else srgb_to_rgba(colors[valid]),
+        None if colors is None else mesh_builder.srgb_to_rgba(colors[valid]),
         None if normals is None else normals[valid],
         {name: values[valid] for name, values in vertex.attributes(left_out, used).items()},
     )  # fmt: skip
@@ -230,7 +219,7 @@ def _make_edge_lines(
     return LineSet(
         path.name, np.where(valid[:, np.newaxis], positions, 0.0).astype(np.float64),
         ends[sound].astype(np.int64),
-        None if colors is None else srgb_to_rgba(colors),
+        None if colors is None else mesh_builder.srgb_to_rgba(colors),
         of_edges is not None, vertex.attributes(left_out, used),
         {name: values[sound] for name, values in attributes.items()},
     )  # fmt: skip
@@ -292,7 +281,7 @@ def _read_header(data: bytes) -> tuple[str, list[_Element], list[str], int]:
     if order is None:
         raise ValueError("its head has no format")
     for element in elements:
-        names = normalize_names([one.name for one in element.properties], _KNOWN_NAMES)
+        names = mesh_builder.normalize_names([one.name for one in element.properties], _KNOWN_NAMES)
         for one, name in zip(element.properties, names, strict=True):
             one.name = name
             one.dtype = one.dtype.newbyteorder(order)
@@ -558,7 +547,7 @@ def _triangulate_strips(strips: _Element, of_strips: str, name: str) -> _Element
     run = (np.cumsum(ends) + np.repeat(np.arange(len(counts)), counts))[~ends]
     begins = np.flatnonzero(np.diff(run, prepend=-1))
     lengths = np.diff(begins, append=len(run))
-    corner_rows, of_runs = triangulate_strips(lengths)
+    corner_rows, of_runs = mesh_builder.triangulate_strips(lengths)
     rows = of_corners[begins[of_runs]] if len(begins) else np.zeros(0, np.int64)
     triangles_element = _Element("face", len(rows), valid=strips.valid[rows])
     triangles_element.columns[name] = corners[~ends][corner_rows].reshape(-1)
@@ -594,8 +583,12 @@ def _select_faces(
             corner_numbers = face.columns[name][begin : begin + int(counts[row])][:8].tolist()
             damage.report_end(expected, f"{corner_numbers} in face {row}")
 
-    budget.take("the corners of its faces", len(face.columns[name]) * POLYGON_CORNER_MEMORY)
-    corners, sizes, rows = select_polygons(face.columns[name], counts, valid, report, left_out)
+    budget.take(
+        "the corners of its faces", len(face.columns[name]) * mesh_builder.POLYGON_CORNER_MEMORY
+    )
+    corners, sizes, rows = mesh_builder.select_polygons(
+        face.columns[name], counts, valid, report, left_out
+    )
     return _Polygons(corners, sizes, rows, counts)
 
 
@@ -673,10 +666,10 @@ def _make_mesh(
     # A vertex for each that differs.
     which, vertex_corners = corners, None
     if uv is not None or not vertex.valid.all():
-        picked, which = number_rows(numbers)
+        picked, which = mesh_builder.number_rows(numbers)
         vertex_corners, uv = corners[picked], None if uv is None else uv[picked]
     # Triangles of the polygons.
-    cut, of_polygons = triangulate(counts, by_size=True)
+    cut, of_polygons = mesh_builder.triangulate(counts, by_size=True)
     # Colours, of vertices or of faces.
     of_vertices = vertex.present(*_COLORS)
     colors, face_colors = _stack_colors(vertex), set()
@@ -697,10 +690,10 @@ def _make_mesh(
     if uv is not None:
         material = convert_mtl_material(MtlMaterial("material_0"), texture, False, left_out)
     if colors is not None and material is not None:
-        left_out.note(COLORS_NOTE)
+        left_out.note(mesh_builder.COLORS_NOTE)
         colors = None
     elif colors is not None:
-        colors = srgb_to_rgba(colors)
+        colors = mesh_builder.srgb_to_rgba(colors)
     # Other attributes of the faces.
     used = {str(_find_corners(face)), str(of_corners), *_TEXTURE_NUMBERS, *face_colors}
     face_attributes = {
