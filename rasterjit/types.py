@@ -34,6 +34,7 @@ from rasterjit.scene.label import Anchor
 from rasterjit.scene.light import Light, ShadowFilter
 from rasterjit.scene.material import AlphaMode, Shading
 from rasterjit.scene.mesh import OnInvalid
+from rasterjit.scene.norm import NormLike, RangeLike
 from rasterjit.scene.outline import EdgeKind
 from rasterjit.scene.quality import (
     Blending,
@@ -93,6 +94,7 @@ __all__ = [
     "Layout",
     "Light",
     "Lines",
+    "NormLike",
     "OnDamage",
     "OnInvalid",
     "OutputName",
@@ -100,6 +102,7 @@ __all__ = [
     "Precision",
     "Progress",
     "Projection",
+    "RangeLike",
     "RecipeOutput",
     "Samples",
     "ScreenSpace",

@@ -43,6 +43,7 @@ OPTION_SYNONYMS = _map_synonyms({
     "--scalars NAME": "--field --scalar --color-by",
     "--colormap NAME": "--cmap --color-map",
     "--range LOW,HIGH": "--clim --vmin --vmax",
+    "--norm log": "--log --log-scale",
     "--contours N": "--isolines --iso-lines",
     "--colorbar": "--scalar-bar --legend",
     "--light X,Y,Z": "--lights --lighting",
@@ -188,7 +189,7 @@ OPTION_GROUPS = {
     ),
     "Look": (
         "style", "background", "color", "light", "shading", "wireframe", "wireframe_color", "cull",
-        "scalars", "colormap", "scalar_range", "contours", "colorbar", "variant",
+        "scalars", "colormap", "scalar_range", "norm", "contours", "colorbar", "variant",
     ),
     "Effects": (
         "shadows", "environment", "ambient_occlusion", "eye_dome", "outline", "tone_map",

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rasterjit.cli.help import CHOICE_SYNONYMS, suggest_words
 from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS, check_outputs
 from rasterjit.scene.colormap import Colormap
+from rasterjit.scene.norm import parse_percent
 from rasterjit.scene.quality import parse_setting
 
 if TYPE_CHECKING:
@@ -205,9 +206,12 @@ def plane_type(text: str) -> tuple[float, ...]:
     return numbers
 
 
-@text_type("LOW,HIGH")
-def range_type(text: str) -> tuple[float, ...]:
-    """Return two numbers, the lower one first, ``0,1.5``."""
+@text_type("LOW,HIGH|P%")
+def range_type(text: str) -> tuple[float, ...] | str:
+    """Return two numbers, the lower one first, ``0,1.5``, or a share of the values, ``2%``."""
+    if text.endswith("%"):
+        parse_percent(text)
+        return text
     low, high = parse_numbers(text, 2, "not LOW,HIGH, such as 0,1.5")
     if low > high:
         raise ValueError(f"{text!r} must be finite, the lower one first")

@@ -23,6 +23,7 @@ from rasterjit.scene.colormap import COLORMAPS, REVERSED_SUFFIX, Colormap
 from rasterjit.scene.eye_dome import MAX_STRENGTH, EyeDome
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES
+from rasterjit.scene.norm import NORMS, NormName, RangeLike, make_norm
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES, MAX_STOPS
 from rasterjit.scene.validation import suggest
@@ -90,7 +91,7 @@ PAINT_OPTIONS = ("color", "scalars", "shading")
 READING_OPTIONS = ("on_invalid", "on_damage", "resource_root", "max_bytes", "isolate")
 """Options of reading files."""
 
-SCALAR_OPTIONS = ("colormap", "scalar_range", "contours")
+SCALAR_OPTIONS = ("colormap", "scalar_range", "norm", "contours")
 """Options of scalar fields."""
 
 COLOR_OPTIONS = (
@@ -202,8 +203,11 @@ class SceneOptions:
         Show an attribute of the file in colours, such as the property quality of a PLY; rasterjit
         info lists attributes.
     colormap : Colormap, optional
-    scalar_range : (float, float), optional
-        Values of the first and the last colour; default: the least and the greatest value.
+    scalar_range : (float, float) or str, optional
+        Values of the first and the last colour, or the share of the values to leave out at each
+        end, 2%; default: the least and the greatest value.
+    norm : {"linear", "log", "symlog"}, optional
+        Spread the colours over the values, their logarithms, or logarithms of both signs.
     contours : Contours, optional
         Draw lines of equal --scalars: how many, 10, or at which values, 0.5,1.5.
     variant : str, optional
@@ -239,7 +243,8 @@ class SceneOptions:
         help=f"Colours of --scalars: {', '.join(COLORMAPS)}, each also reversed with "
         f"{REVERSED_SUFFIX} behind it; default: viridis.",
     )  # fmt: skip
-    scalar_range: tuple[float, float] | None = option(option_types.range_type, "--range")
+    scalar_range: RangeLike | None = option(option_types.range_type, "--range")
+    norm: NormName | None = option(click.Choice(NORMS))
     contours: Contours | None = option(option_types.contours_type)
     variant: str | None = option(None, metavar="NAME")
     light: tuple[option_types.Vector | str, ...] = option(
@@ -310,16 +315,18 @@ class SceneOptions:
                 f"--scalars: no mesh has an attribute {name!r} of one number for each vertex or "
                 f"face; {held}{suggest_words(name, list(known), {})}"
             )
-        ends = self.scalar_range
-        if ends is None:
-            ranges = [mesh.with_scalars(name).field.range for mesh in own.values()]
-            lows, highs = zip(*ranges, strict=True)
-            ends = min(lows), max(highs)
+        values = np.concatenate([mesh.with_scalars(name).field.values for mesh in own.values()])
+        try:
+            ends = make_norm(self.norm, self.scalar_range, values).range
+        except ValueError as error:
+            raise ValueError(f"--{error}") from error
         colormap = self.colormap or Colormap("viridis")
         shown = {}
         for key, mesh in own.items():
             try:
-                made = mesh.with_scalars(name, colormap, range=ends, contours=self.contours)
+                made = mesh.with_scalars(
+                    name, colormap, range=ends, norm=self.norm, contours=self.contours
+                )
             except ValueError as error:
                 said = re.sub(r"^contours must be None", "--contours must not be given", str(error))
                 raise ValueError(said) from error

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
-from decimal import ROUND_DOWN, Decimal
-from itertools import pairwise
-from typing import Any
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.text_layout import draw_text, measure_text_width
+from rasterjit.outputs.ticks import MAX_DIGITS, Ticks, make_ticks
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.scalar_field import ColorScale
-from rasterjit.scene.validation import index_below
+from rasterjit.scene.validation import index_below, one_of
 
 PAPER, INK = (255, 255, 255), (0, 0, 0)
 """Colours of the background, and of text and lines."""
@@ -26,14 +24,9 @@ FONT_SIZE_SHARE, MIN_FONT_SIZE = 1 / 30, 10
 MIN_TICK_SPACING = 3
 """Distance of ticks, in font sizes."""
 
-TICK_STEPS = (1, 2, 5, 10, 20)
-"""Distances of ticks, times a power of ten; the first with few enough ticks is taken."""
-
-MAX_DIGITS = 6
-"""Numbers with more digits before or behind the point have a power of ten or an offset."""
-
-MIN_EXPONENT = -4
-"""Power of ten of the largest tick below which ticks are written with a power of ten."""
+Extend: TypeAlias = Literal["neither", "min", "max", "both"]
+EXTENDS: tuple[Extend, ...] = get_args(Extend)
+"""Ends of a bar that are arrows: values beyond them are shown, too."""
 
 
 def find_scale(scales: Sequence[ColorScale | None], node: int | None) -> ColorScale:
@@ -60,11 +53,33 @@ def find_scale(scales: Sequence[ColorScale | None], node: int | None) -> ColorSc
         )
     nan_scales = [scale for scale in present if scale.nan_color is not None]
     lines = dict.fromkeys(line for scale in present for line in scale.lines)
-    return (nan_scales or present)[0]._replace(lines=tuple(lines))
+    below, above = (any(ends) for ends in zip(*(scale.exceeds for scale in present), strict=True))
+    return (nan_scales or present)[0]._replace(lines=tuple(lines), exceeds=(below, above))
+
+
+class _Bar(NamedTuple):
+    """Where a bar stands in its picture, pixels: its rectangle, and the heights of its arrows."""
+
+    left: int
+    right: int
+    top: int
+    bottom: int
+    arrows: tuple[int, int]
+    """Below and above the rectangle; 0 for none."""
+
+    def row(self, fraction: float) -> int:
+        """Return the row of a share of the range, 0 at the bottom to 1."""
+        return self.bottom - 1 - round(fraction * (self.bottom - self.top - 1))
 
 
 def draw_colorbar(
-    scale: ColorScale, height: int, title: str = "", font: str | os.PathLike[str] | None = None
+    scale: ColorScale,
+    height: int,
+    title: str = "",
+    font: str | os.PathLike[str] | None = None,
+    *,
+    unit: str = "",
+    extend: Extend | None = None,
 ) -> NDArray[np.uint8]:
     """
     Draw the colour bar of a scale, the highest value on top, with contours as lines across it.
@@ -81,6 +96,10 @@ def draw_colorbar(
         Above the bar.
     font : str or path, optional
         As `Label` takes it.
+    unit : str
+        Behind the note.
+    extend : {"neither", "min", "max", "both"}, optional
+        Which ends are arrows. Default: those that values lie beyond.
 
     Returns
     -------
@@ -89,62 +108,113 @@ def draw_colorbar(
     """
     from PIL import Image, ImageDraw
 
-    # Choose ticks; a note above the bar shortens it, so they are chosen again.
     font_size = max(MIN_FONT_SIZE, round(FONT_SIZE_SHARE * height))
-    low, high = scale.range
-    top, bottom = font_size * (3 if title else 1), height - font_size
-    if scale.nan_color is not None:
-        bottom -= 2 * font_size
-    ticks = find_ticks(low, high, _max_intervals(bottom - top, font_size))
-    labels, note = format_ticks(ticks)
-    if note:
-        top += 2 * font_size
-        ticks = find_ticks(low, high, _max_intervals(bottom - top, font_size))
-        labels, note = format_ticks(ticks)
-    bottom = max(bottom, top + 1)
-    length, left, right = bottom - top, font_size, font_size + round(1.2 * font_size)
-    if len(ticks) < 2 and high > low and length >= 2 * font_size:
-        # A bar too short for round numbers says where it ends.
-        ticks, note = [low, high], ""
-        labels = [f"{end:.{MAX_DIGITS}g}" for end in ticks]
+    bar, ticks = _fit_bar(scale, height, font_size, bool(title), unit, _find_arrows(scale, extend))
     # Find the width that the labels need.
-    side_texts = [*labels, *(["NaN"] if scale.nan_color is not None else [])]
-    text_left = right + font_size
+    side_texts = [*ticks.texts, *(["NaN"] if scale.nan_color is not None else [])]
+    text_left = bar.right + font_size
     text_right = max(
         text_left + max(measure_text_width(text, font_size, font) for text in side_texts),
-        left + max(measure_text_width(text, font_size, font) for text in (title, note)),
+        bar.left + max(measure_text_width(text, font_size, font) for text in (title, ticks.note)),
     )
     image = Image.new("RGB", (text_right + font_size, height), PAPER)
     pen = ImageDraw.Draw(image)
     # Draw the bar and its contours.
-    heights = (length - 0.5 - np.arange(length)) / length
-    entries = scale.colormap.entries(low + heights * (high - low), low, high)
     pixels = np.array(image)
-    pixels[top:bottom, left:right] = _blend_over_paper(scale.colormap.codes[entries])[:, np.newaxis]
+    pixels[bar.top : bar.bottom, bar.left : bar.right] = _bar_colors(scale, bar)[:, np.newaxis]
     image.paste(Image.fromarray(pixels))
     for level, color in scale.lines:
-        y = bottom - 1 - round(_fraction(level, low, high) * (length - 1))
-        pen.line((left, y, right - 1, y), fill=tuple(opaque_codes(color)[:3].tolist()))
-    pen.rectangle((left - 1, top - 1, right, bottom), outline=INK)
+        y = bar.row(scale.norm.fraction(level))
+        pen.line((bar.left, y, bar.right - 1, y), fill=tuple(opaque_codes(color)[:3].tolist()))
+    _outline_bar(pen, scale, bar)
     # Draw the ticks and the box of NaN, then all texts.
     captions: list[tuple[str, tuple[float, float], tuple[float, float]]] = []
-    for tick, label in zip(ticks, labels, strict=True):
-        y = bottom - 1 - round(_fraction(tick, low, high) * (length - 1))
-        pen.line((right + 1, y, right + font_size // 2, y), fill=INK)
+    for tick, label in zip(ticks.values, ticks.texts, strict=True):
+        y = bar.row(scale.norm.fraction(tick))
+        pen.line((bar.right + 1, y, bar.right + font_size // 2, y), fill=INK)
         captions.append((label, (text_left, y), (0.0, 0.5)))
+    for tick in ticks.minors:
+        y = bar.row(scale.norm.fraction(tick))
+        pen.line((bar.right + 1, y, bar.right + font_size // 4, y), fill=INK)
     if scale.nan_color is not None:
-        box = (left - 1, bottom + font_size, right, bottom + 2 * font_size)
+        foot = bar.bottom + bar.arrows[0]
+        box = (bar.left - 1, foot + font_size, bar.right, foot + 2 * font_size)
         pen.rectangle(box, fill=tuple(opaque_codes(scale.nan_color)[:3].tolist()), outline=INK)
         captions.append(("NaN", (text_left, (box[1] + box[3]) // 2), (0.0, 0.5)))
     if title:
-        captions.append((title, (left, font_size), (0.0, 0.0)))
-    if note:
-        captions.append((note, (left, top - 2 * font_size), (0.0, 0.0)))
+        captions.append((title, (bar.left, font_size), (0.0, 0.0)))
+    if ticks.note:
+        note_top = bar.top - bar.arrows[1] - 2 * font_size
+        captions.append((ticks.note, (bar.left, note_top), (0.0, 0.0)))
     picture = np.full((height, image.width, 4), 255, np.uint8)
     picture[..., :3] = np.array(image)
     for text, position, anchor in captions:
         draw_text(picture[..., :3], text, position, font_size, INK, anchor=anchor, font=font)
     return picture
+
+
+def _find_arrows(scale: ColorScale, extend: Extend | None) -> tuple[bool, bool]:
+    """Return whether a bar ends in an arrow below, and above."""
+    if extend is None:
+        return scale.exceeds
+    one_of("extend", extend, EXTENDS)
+    return extend in ("min", "both"), extend in ("max", "both")
+
+
+def _fit_bar(
+    scale: ColorScale,
+    height: int,
+    font_size: int,
+    has_title: bool,
+    unit: str,
+    has_arrows: tuple[bool, bool],
+) -> tuple[_Bar, Ticks]:
+    """Return the place of a bar, and the ticks that it has room for."""
+    arrows = int(has_arrows[0]) * font_size, int(has_arrows[1]) * font_size
+    top, bottom = font_size * (3 if has_title else 1) + arrows[1], height - font_size - arrows[0]
+    if scale.nan_color is not None:
+        bottom -= 2 * font_size
+    top += 2 * font_size if unit else 0
+    ticks = make_ticks(scale, _max_intervals(bottom - top, font_size))
+    # A note above the bar shortens it, so ticks are chosen again.
+    if ticks.note and not unit:
+        top += 2 * font_size
+        ticks = make_ticks(scale, _max_intervals(bottom - top, font_size))
+    bottom = max(bottom, top + 1)
+    low, high = scale.norm.range
+    if len(ticks.values) < 2 and high > low and bottom - top >= 2 * font_size:
+        # A bar too short for round numbers says where it ends.
+        ticks = Ticks([low, high], [f"{end:.{MAX_DIGITS}g}" for end in (low, high)])
+    ticks = ticks._replace(note=f"{ticks.note} {unit}".strip())
+    return _Bar(font_size, font_size + round(1.2 * font_size), top, bottom, arrows), ticks
+
+
+def _bar_colors(scale: ColorScale, bar: _Bar) -> NDArray[np.uint8]:
+    """Return the colour of each row of a bar from the top, (L, 3) sRGB codes."""
+    length = bar.bottom - bar.top
+    heights = (length - 0.5 - np.arange(length)) / length
+    colors = scale.colormap.codes
+    if scale.norm.bounds:
+        # Bounds are evenly spaced: each row has the colour of the middle between two.
+        bounds = np.array(scale.norm.bounds)
+        middles = (bounds[:-1] + bounds[1:]) / 2.0
+        regions = np.floor(heights * len(middles)).astype(np.int64)
+        entries = scale.norm.ranks(middles, len(colors))[regions]
+    else:
+        has_width = scale.norm.range[0] < scale.norm.range[1]
+        entries = np.floor(heights * len(colors) * has_width)
+    return _blend_over_paper(colors[entries.astype(np.int64)])
+
+
+def _outline_bar(pen: Any, scale: ColorScale, bar: _Bar) -> None:
+    """Draw the arrows of a bar in the colours of what lies beyond, and the outline of all."""
+    middle, (below, above) = (bar.left + bar.right - 1) / 2.0, bar.arrows
+    ends = (bar.bottom, below, scale.colormap.under), (bar.top - 1, -above, scale.colormap.over)
+    for row, length, color in ends:
+        if length:
+            corners = [(bar.left - 1, row), (bar.right, row), (middle, row + length)]
+            pen.polygon(corners, fill=tuple(opaque_codes(color)[:3].tolist()), outline=INK)
+    pen.rectangle((bar.left - 1, bar.top - 1, bar.right, bar.bottom), outline=INK)
 
 
 def append_bar(picture: NDArray[np.uint8], bar: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -155,78 +225,6 @@ def append_bar(picture: NDArray[np.uint8], bar: NDArray[np.uint8]) -> NDArray[np
 def _max_intervals(length: int, font_size: int) -> int:
     """Return how many intervals between ticks a bar has room for; both in pixels."""
     return max(1, length // (MIN_TICK_SPACING * font_size))
-
-
-def _fraction(value: float, low: float, high: float) -> float:
-    """Return the relative position of a value in a range, 0..1; 0.5 in an empty one."""
-    return (value - low) / (high - low) if high > low else 0.5
-
-
-def find_ticks(low: float, high: float, max_intervals: int) -> list[float]:
-    """
-    Return the ticks of a range: round numbers, at least one, ``max_intervals + 1`` at most.
-
-    ``low`` alone where the range has no width, or is too narrow for round numbers.
-    """
-    min_step = (high - low) / max_intervals
-    if not min_step > 0.0:
-        return [low]
-    # From text, so that each is rounded once.
-    steps = [float(f"{factor}e{exponent_of(min_step)}") for factor in TICK_STEPS]
-    if not (steps[0] > 0.0 and math.isfinite(max(abs(low), abs(high)) / steps[0])):
-        return [low]
-    counts = (math.floor(high / step) - math.ceil(low / step) + 1 for step in steps)
-    sparse = (step for step, count in zip(steps, counts, strict=True) if count <= max_intervals + 1)
-    step = next(sparse, steps[-1])
-    ticks = [n * step for n in range(math.ceil(low / step), math.floor(high / step) + 1)]
-    # So that 3 * 0.1 is 0.3.
-    digits = -exponent_of(step)
-    rounded = [round(tick, digits) + 0.0 for tick in ticks]
-    inside = [tick for tick in rounded if low <= tick <= high]
-    return list(dict.fromkeys(inside)) or [low]
-
-
-def exponent_of(value: float) -> int:
-    """Return the power of ten of a number's first decimal digit; 0 for 0."""
-    return Decimal(repr(value)).adjusted() if value else 0
-
-
-def format_ticks(ticks: Sequence[float]) -> tuple[list[str], str]:
-    """
-    Format ticks with as many digits as tell them apart; return a note of factor and offset.
-
-    The note, as in Matplotlib, is the factor of the texts and then the offset: ``"1e-7"``,
-    ``"+1e9"``, ``"1e-6+1"``; empty if the texts are the ticks themselves.
-    """
-    if len(ticks) == 1:
-        return [f"{ticks[0]:.{MAX_DIGITS}g}"], ""
-    # From text, so that each has the digits that it is written with.
-    decimals = [Decimal(repr(tick)) for tick in ticks]
-    # Differences are off by their last bits: 3e-9 - 2e-9 is below 1e-9.
-    step_exponent = exponent_of(float(f"{min(b - a for a, b in pairwise(ticks)):.6g}"))
-    offset = _shared_offset(decimals, step_exponent)
-    shifted = [tick - offset for tick in decimals]
-    largest_exponent = max(tick.adjusted() for tick in shifted if tick)
-    has_factor = not MIN_EXPONENT <= largest_exponent < MAX_DIGITS or step_exponent < -MAX_DIGITS
-    exponent = largest_exponent if has_factor else 0
-    last_digit = Decimal(1).scaleb(min(0, step_exponent - exponent))
-    texts = [f"{tick.scaleb(-exponent).quantize(last_digit):f}" for tick in shifted]
-    note = f"1e{exponent}" if exponent else ""
-    if offset:
-        note += f"{offset.normalize():+}".replace("E+", "e").replace("E", "e")
-    # Zero has no sign.
-    return [text if float(text) else text.removeprefix("-") for text in texts], note
-
-
-def _shared_offset(ticks: Sequence[Decimal], step_exponent: int) -> Decimal:
-    """Return the offset that ticks share, if it has many more digits than their differences."""
-    low, high = ticks[0], ticks[-1]
-    if low * high <= 0 or max(abs(low), abs(high)).adjusted() - step_exponent < MAX_DIGITS:
-        return Decimal(0)
-    # Ticks less the offset have a digit more than their differences.
-    exponent = (high - low).adjusted() + 1
-    smallest = low if low > 0 else high
-    return smallest.scaleb(-exponent).to_integral_value(ROUND_DOWN).scaleb(exponent)
 
 
 def _blend_over_paper(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:

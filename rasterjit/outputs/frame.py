@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
-from rasterjit.outputs.colorbar import append_bar, draw_colorbar, find_scale
+from rasterjit.outputs.colorbar import Extend, append_bar, draw_colorbar, find_scale
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.output_table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene import notebook_preview
@@ -560,18 +560,24 @@ class Frame(RenderedOutputs):
         return f"{count:,} {' and '.join(', '.join(names).rsplit(', ', 1))}"
 
     def colorbar(
-        self, title: str = "", *, node: int | None = None,
-        font: str | os.PathLike[str] | None = None,
+        self, title: str = "", *, unit: str = "", extend: Extend | None = None,
+        node: int | None = None, font: str | os.PathLike[str] | None = None,
     ) -> NDArray[np.uint8]:  # fmt: skip
         """
         Draw the colour bar of the scalars, as high as the frame, the highest value on top.
 
-        Ticks lie at round numbers. If any scalar is NaN, its colour is shown as well.
+        Ticks lie at round numbers, powers of ten, bounds or categories, as the scalars' norm and
+        colour map have them. If any scalar is NaN, its colour is shown as well.
 
         Parameters
         ----------
         title : str
             Stands above the bar.
+        unit : str
+            Stands under the title, behind the factor of the numbers if they have one.
+        extend : {"neither", "min", "max", "both"}, optional
+            Which ends are arrows, in the colours of what lies beyond. Default: those beyond which
+            there are values.
         node : int, optional
             Index in ``scene.nodes`` of the object whose bar it is. Default: all objects with
             scalars must have one colormap and range.
@@ -591,7 +597,9 @@ class Frame(RenderedOutputs):
         if not isinstance(title, str):
             raise ValueError(f"title must be a text, got {check.brief(title)}")
         scale = find_scale(self.plan.facts.inventory.color_scales, node)
-        return draw_colorbar(scale, self.plan.size[1], title, font)
+        if not isinstance(unit, str):
+            raise ValueError(f"unit must be a text, got {check.brief(unit)}")
+        return draw_colorbar(scale, self.plan.size[1], title, font, unit=unit, extend=extend)
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """

@@ -222,8 +222,11 @@ class VertexScalars(NamedTuple):
     """(V,) float64."""
     intervals: Any
     """(O, 2) float64: the value of the first entry, and the width of the interval."""
+    thresholds: Any
+    """(T,) float64: where entries begin, of the objects where they are not evenly spaced."""
     entries: Any
-    """(O, 2) int64: first row of ``colors`` and number of entries; 0 without a colormap."""
+    """(O, 3) int64: first row of ``colors``, number of entries, and index of their first threshold
+    or -1; no entries without a colormap."""
     colors: Any
     """(N, 4) float32, linear RGBA: the entries of each map, then the colour of NaN."""
     contours: IsoLines | None = None

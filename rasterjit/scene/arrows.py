@@ -14,7 +14,7 @@ from rasterjit.scene.color import ColorLike, linear_color, linear_rows
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.scalar_field import NAN_COLOR
+from rasterjit.scene.norm import NormLike, RangeLike
 from rasterjit.scene.transforms import sine_cosine
 
 ArrowUnit: TypeAlias = Literal["length", "world"]
@@ -62,7 +62,7 @@ class Arrows(Mesh):
         Of the shaft and the cone, 3..256.
     colors : colour or (N, 3|4) array_like, optional
         Of all arrows, or of each; see `Mesh`.
-    scalars, colormap, range, nan_color
+    scalars, colormap, range, norm, nan_color
         A number for each arrow, (N,), shown by a colour map in the place of ``colors``; see `Mesh`.
     material : Material, optional
         Default ``Material()``.
@@ -100,8 +100,9 @@ class Arrows(Mesh):
         colors: ColorLike | None = None,
         scalars: ArrayLike | None = None,
         colormap: ColormapLike = "viridis",
-        range: tuple[float, float] | None = None,
-        nan_color: ColorLike = NAN_COLOR,
+        range: RangeLike | None = None,
+        norm: NormLike | None = None,
+        nan_color: ColorLike | None = None,
         material: Material | None = None,
     ) -> None:
         starts = check.finite_array("positions", positions, (None, 3))
@@ -135,7 +136,8 @@ class Arrows(Mesh):
             vertices, _build_faces(len(starts), self._sides), normals=normals,
             colors=None if colors is None else _expand_colors(colors, len(starts), per_arrow),
             scalars=None if scalars is None else _expand_scalars(scalars, len(starts), per_arrow),
-            colormap=colormap, range=range, nan_color=nan_color, material=material,
+            colormap=colormap, range=range, norm=norm,
+            nan_color=nan_color, material=material,
         )  # fmt: skip
 
     @property

@@ -15,8 +15,8 @@ from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive, index_rows
+from rasterjit.scene.norm import NormLike, RangeLike
 from rasterjit.scene.points import UNITS, Unit, expand_color, size_array
-from rasterjit.scene.scalar_field import NAN_COLOR
 
 DEFAULT_COLOR = 0.0, 0.0, 0.0
 """Colour of lines if none is given."""
@@ -79,7 +79,7 @@ class Lines(Mesh):
         the picture; a segment on which a period takes less than a pixel is solid. Default: solid.
     attributes : mapping of str to (V, D) or (S, D) array_like, optional
         Values of one's own by name, as `Mesh` takes them.
-    scalars, colormap, range, nan_color
+    scalars, colormap, range, norm, nan_color
         A number for each point or segment, shown by a colour map in the place of ``colors``; see
         `Mesh`.
     material : Material, optional
@@ -122,8 +122,9 @@ class Lines(Mesh):
         attributes: Mapping[str, ArrayLike] | None = None,
         scalars: ArrayLike | None = None,
         colormap: ColormapLike = "viridis",
-        range: tuple[float, float] | None = None,
-        nan_color: ColorLike = NAN_COLOR,
+        range: RangeLike | None = None,
+        norm: NormLike | None = None,
+        nan_color: ColorLike | None = None,
         material: Material | None = None,
         on_invalid: OnInvalid = "raise",
     ) -> None:
@@ -137,7 +138,8 @@ class Lines(Mesh):
         self._pairs = segments if strips is None else _Strips(strips)
         super().__init__(
             points, (), colors=colors, attributes=attributes, scalars=scalars,
-            colormap=colormap, range=range, nan_color=nan_color, on_invalid=on_invalid,
+            colormap=colormap, range=range, norm=norm,
+            nan_color=nan_color, on_invalid=on_invalid,
             material=Material("unlit") if material is None else material,
         )  # fmt: skip
         self._widths = check.read_only(size_array("width", width, len(self), unit))

@@ -26,6 +26,7 @@ from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.first_corners import rotate_corners
 from rasterjit.scene.hooks import call_higher_level
 from rasterjit.scene.material import Material
+from rasterjit.scene.norm import NormLike, RangeLike
 from rasterjit.scene.normals import (
     GROUPS,
     compute_smooth_normals,
@@ -38,7 +39,7 @@ from rasterjit.scene.normals import (
     vertex_tangents,
 )
 from rasterjit.scene.notebook_preview import PicturePreview
-from rasterjit.scene.scalar_field import NAN_COLOR, Field, make_field, refuse_field
+from rasterjit.scene.scalar_field import Field, make_field, refuse_field
 from rasterjit.scene.skin import Deformable, MorphTargets, skin_arrays
 from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.warning import REPAIRED_NORMALS, warn_caller
@@ -101,13 +102,20 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         whole numbers and booleans are numbers. The output ``"scalar"`` has the values themselves,
         as float32. Lit surfaces are brighter or darker than the colour bar; ``Material("unlit")``
         shows its very colours.
-    colormap : str, (N, 3|4) array_like or Colormap
-        Which colours: see `Colormap`.
-    range : (float, float), optional
-        The values of its first and its last colour. Default: the least and the greatest scalar that
-        is finite; (0, 1) if none is.
-    nan_color : colour
-        Of faces that are NaN or infinite, or have a corner that is.
+    colormap : str, (N, 3|4) array_like, mapping or Colormap
+        Which colours: see `Colormap`. Matplotlib's maps are taken as they are.
+    range : (float, float) or str, optional
+        The values of its first and its last colour; ``"2%"`` leaves out that share of the values at
+        each end. Default: the least and the greatest scalar that is finite; (0, 1) if none is.
+    norm : {"linear", "log", "symlog"}, ("symlog", float) or callable, optional
+        How values are spread over the colours: evenly; their logarithms, where values from 0 down
+        are NaN and the range is by default that of those above 0; logarithms of both signs, linear
+        up to a size, by default 2. Or a norm of Matplotlib's, such as ``LogNorm()``,
+        ``TwoSlopeNorm(0)`` or ``BoundaryNorm(...)``, whose limits are the range if it has any; it
+        must not fall, and is asked once, for the value at which each colour begins.
+    nan_color : colour, optional
+        Of faces that are NaN or infinite, or have a corner that is. Default: the colour map's, or
+        a dark grey.
     contours : int, (N,) array_like or Contours, optional
         Lines along which scalars of vertices have one value: how many inside the range, which
         values, or `Contours`, which has their width and colour too.
@@ -192,8 +200,9 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         attributes: Mapping[str, ArrayLike] | None = None,
         scalars: ArrayLike | None = None,
         colormap: ColormapLike = "viridis",
-        range: tuple[float, float] | None = None,
-        nan_color: ColorLike = NAN_COLOR,
+        range: RangeLike | None = None,
+        norm: NormLike | None = None,
+        nan_color: ColorLike | None = None,
         contours: ContoursLike | None = None,
         joints: ArrayLike | None = None,
         weights: ArrayLike | None = None,
@@ -219,11 +228,13 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
                     "colors must be None where scalars are given, which have their own"
                 )
             counts = self._scalar_counts()
-            self._field = make_field(scalars, counts, colormap, range, nan_color, contours)
+            self._field = make_field(scalars, counts, colormap, range, norm, nan_color, contours)
             if self._field.of_faces:
                 self._face_colors = check.read_only(self._field.colors())
         else:
-            refuse_field(colormap=colormap, range=range, nan_color=nan_color, contours=contours)
+            refuse_field(
+                colormap=colormap, range=range, norm=norm, nan_color=nan_color, contours=contours
+            )
         # Normals, texture coordinates and tangents.
         self._normals: Float32 | None = None
         if normals is not None:
@@ -711,8 +722,9 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         scalars: str | ArrayLike,
         colormap: ColormapLike = "viridis",
         *,
-        range: tuple[float, float] | None = None,
-        nan_color: ColorLike = NAN_COLOR,
+        range: RangeLike | None = None,
+        norm: NormLike | None = None,
+        nan_color: ColorLike | None = None,
         contours: ContoursLike | None = None,
     ) -> Mesh:
         """
@@ -723,7 +735,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         scalars : str, (V,) or (F,) array_like
             The name of one of its attributes that has one column, of vertices or else of faces; or
             the numbers themselves.
-        colormap, range, nan_color, contours
+        colormap, range, norm, nan_color, contours
             As a `Mesh` takes them; `Points` and `Lines` have no contours.
 
         Raises
@@ -750,7 +762,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         result = self.without_colors()
         if result._material == self._DEFAULT_MATERIAL:
             result._material = replace(result._material, base_color=None)
-        result._field = make_field(scalars, counts, colormap, range, nan_color, contours)
+        result._field = make_field(scalars, counts, colormap, range, norm, nan_color, contours)
         if result._field.of_faces:
             result._face_colors = check.read_only(result._field.colors())
         return result
@@ -944,7 +956,7 @@ def copy_field(mesh: Mesh, other: Mesh) -> Mesh:
 
 def set_face_scalars(mesh: Mesh, scalars: ArrayLike) -> Mesh:
     """Set a scalar for each face, (F,), of a new mesh with any number of vertices; return it."""
-    mesh._field = make_field(scalars, (-1, len(mesh.faces)), "viridis", None, NAN_COLOR, None)
+    mesh._field = make_field(scalars, (-1, len(mesh.faces)), "viridis", None, None, None, None)
     mesh._face_colors = check.read_only(mesh._field.colors())
     return mesh
 

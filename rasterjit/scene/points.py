@@ -12,7 +12,7 @@ from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive
-from rasterjit.scene.scalar_field import NAN_COLOR
+from rasterjit.scene.norm import NormLike, RangeLike
 from rasterjit.scene.validation import brief, one_of, read_only, unmasked_array
 
 Unit: TypeAlias = Literal["pixel", "world"]
@@ -63,7 +63,7 @@ class Points(Mesh):
         own.
     attributes : mapping of str to (N, D) array_like, optional
         Values of one's own by name, as `Mesh` takes them.
-    scalars, colormap, range, nan_color
+    scalars, colormap, range, norm, nan_color
         A number for each point, (N,), shown by a colour map in the place of ``colors``; see `Mesh`.
     material : Material, optional
         Default: lit as `Material` says where there are normals or spheres, else unlit. It is
@@ -106,8 +106,9 @@ class Points(Mesh):
         attributes: Mapping[str, ArrayLike] | None = None,
         scalars: ArrayLike | None = None,
         colormap: ColormapLike = "viridis",
-        range: tuple[float, float] | None = None,
-        nan_color: ColorLike = NAN_COLOR,
+        range: RangeLike | None = None,
+        norm: NormLike | None = None,
+        nan_color: ColorLike | None = None,
         material: Material | None = None,
         on_invalid: OnInvalid = "raise",
     ) -> None:
@@ -126,7 +127,8 @@ class Points(Mesh):
             material = self._DEFAULT_MATERIAL if is_plain else Material("unlit")
         super().__init__(
             positions, (), colors=colors, normals=normals, attributes=attributes,
-            scalars=scalars, colormap=colormap, range=range, nan_color=nan_color,
+            scalars=scalars, colormap=colormap, range=range, norm=norm,
+            nan_color=nan_color,
             material=material, on_invalid=on_invalid,
         )  # fmt: skip
         self._sizes = read_only(size_array("size", size, len(self), unit))

@@ -409,16 +409,24 @@ def join_fields(meshes: Sequence[Mesh]) -> VertexScalars:
     """Join the scalars of vertices, NaN where an object has none, and their colour maps."""
     runs = group_instances(meshes)
     colors, rules, entries, first = [], [], [], 0
+    thresholds, first_threshold = [np.empty(0)], 0
     for mesh, _ in runs:
         field = mesh.vertex_field
         rules.append((0.0, 1.0) if field is None else field.range_start_width)
-        entries.append((first, 0 if field is None else len(field.colormap)))
-        if field is not None:
-            colors.append(field.table)
-            first += len(field.table)
+        if field is None:
+            entries.append((first, 0, -1))
+            continue
+        is_even = field.thresholds is None
+        entries.append((first, len(field.table) - 1, -1 if is_even else first_threshold))
+        colors.append(field.table)
+        first += len(field.table)
+        if field.thresholds is not None:
+            thresholds.append(field.thresholds)
+            first_threshold += len(field.thresholds)
     return VertexScalars(
         join_scalars(meshes),
         _repeat(rules, runs, np.float64),
+        np.concatenate(thresholds),
         _repeat(entries, runs, np.int64),
         np.concatenate(colors),
         _join_contours(runs) if any(find_contours(mesh) for mesh, _ in runs) else None,

@@ -839,6 +839,11 @@ def test_scalars_of_a_file_are_shown_by_colours(tmp_path, measured):
     found = render(tmp_path, "--scalars", "quality", "--contours", "0.25,", file=measured)
     scene = shown_by(measured, QUALITY, contours=[0.25])
     assert np.array_equal(found, rendered(scene=scene).color[..., : found.shape[2]])
+    found = render(
+        tmp_path, "--scalars", "quality", "--range", "20%", "--norm", "symlog", file=measured
+    )
+    scene = shown_by(measured, QUALITY, range="20%", norm="symlog")
+    assert np.array_equal(found, rendered(scene=scene).color[..., : found.shape[2]])
     found = render(tmp_path, "--scalars", "stress", file=measured)
     scene = shown_by(measured, STRESS)
     assert np.array_equal(found, rendered(scene=scene).color[..., : found.shape[2]])
@@ -910,6 +915,8 @@ def test_all_meshes_have_one_range_and_no_textures(tmp_path):
         (("--scalars", "quality", "--range", "1"), 2, "'1' is not LOW,HIGH"),
         (("--scalars", "quality", "--range", "2,1"), 2, "the lower one first"),
         (("--scalars", "quality", "--range", "0,inf"), 2, "must be finite"),
+        (("--scalars", "quality", "--range", "70%"), 2, "below 50%"),
+        (("--scalars", "quality", "--norm", "log", "--range", "-1,1"), 1, "--range must be above"),
         (("--scalars", "quality", "--contours", "0"), 2, "levels must be 1 to 4096 in number"),
         (("--scalars", "quality", "--contours", "a,b"), 2, "expected a number of lines"),
         (("--scalars", "quality", "--contours", "nan,1"), 2, "levels"),
@@ -997,6 +1004,7 @@ IDLE = [
     ("render", "a.npz", "--outputs", "scalar", "--colormap", "gray"),
     ("render", "a.png", "--colormap", "gray"),
     ("render", "a.png", "--range", "0,1"),
+    ("render", "a.png", "--norm", "log"),
     ("render", "a.png", "--contours", 5),
     ("render", "a.png", "--colorbar"),
     ("render", "a.exr", "--scalars", "heat", "--colorbar"),

@@ -366,6 +366,18 @@ ALLOWED = {
     ("scene/mesh.py", "sum"): "whole numbers: counts for a message",
     ("scene/validation.py", "sum"): "whole numbers: counts for a message",
     ("scene/color.py", "sum"): "whole numbers: counts for a message",
+    ("scene/norm.py", "**"): "of decimals, whose 40 digits are those of any CPU",
+    ("scene/norm.py", "log10"): "of decimals, whose 40 digits are those of any CPU",
+    **{
+        (f"{name}.py", "norm"): "a field: how values are spread over colours"
+        for name in (
+            "scene/norm",
+            "scene/scalar_field",
+            "outputs/colorbar",
+            "outputs/ticks",
+            "cli/options",
+        )
+    },
     ("scene/reference_shader.py", "**"): "whole numbers of Python, without bound",
     ("scene/color.py", "**"): "whole numbers and fractions",
     ("scene/camera_fitting.py", "dot"): "our own, three terms of Python",

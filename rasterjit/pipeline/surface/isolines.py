@@ -22,7 +22,7 @@ from rasterjit.pipeline.surface.gather_samples import (
     get_pixel,
 )
 from rasterjit.pipeline.surface.sample_block import Block
-from rasterjit.pipeline.surface.scalar_colors import SCALAR, is_finite
+from rasterjit.pipeline.surface.scalar_colors import SCALAR, find_first_above, is_finite
 from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state_block import float32, float64, int64
@@ -105,19 +105,6 @@ def is_on_line(level, half_width, scalars, edges):
     max_distance = half_width * np.sqrt(x * x + y * y)
     is_above = (g >= 0.0) == (values[0] + values[1] + values[2] > 0.0)
     return distance <= max_distance if is_above else distance < max_distance
-
-
-@helper
-def find_first_above(value, levels, first, count):
-    """Return the index of the first of ``count`` ascending levels that is above a value."""
-    low, high = first, first + count
-    while low < high:
-        middle = (low + high) >> 1
-        if levels[np.uintp(middle)] <= value:
-            low = middle + 1
-        else:
-            high = middle
-    return low
 
 
 @stage

@@ -1,8 +1,9 @@
 """
 Map scalars to colours: interpolate a number per vertex, then look it up in a colormap.
 
-Value x has entry ``floor(count (x - low) / width)``, clamped to the map; ``scene.colormap`` has the
-rule. A face with a NaN or infinite vertex has the colour for NaN, stored after the entries.
+Value x has entry ``floor(count (x - low) / width)``, clamped to the map, or that of the last
+threshold that is not above it; ``scene.colormap`` and ``scene.norm`` have the rules. A face with a
+NaN or infinite vertex has the colour for NaN, stored after the entries.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8
 SCALAR = 3
 """Row of ``doubles``: the scalar of each sample; the three rows before hold its face's vertices."""
 
-FIRST_ENTRY, ENTRIES = 0, 1
-"""Columns of ``entries``: an object's first entry, and their number."""
+FIRST_ENTRY, ENTRIES, FIRST_THRESHOLD = 0, 1, 2
+"""Columns of ``entries``: an object's first entry, their number, and the index of the threshold at
+which the first begins; negative where entries are evenly spaced."""
 
 LOW, WIDTH = 0, 1
 """Columns of ``intervals``: the scalar of the first entry, and the width of the interval."""
@@ -81,12 +83,35 @@ def find_entry(value, low, width, count):
 
 
 @helper
-def look_up_colors(out, scalars, interval, entries, colors):
+def find_first_above(value, levels, first, count):
+    """Return the index of the first of ``count`` ascending levels that is above a value."""
+    low, high = first, first + count
+    while low < high:
+        middle = (low + high) >> 1
+        if levels[np.uintp(middle)] <= value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@helper
+def find_threshold_entry(value, thresholds, first, count):
+    """Return the index of the last threshold not above a value; ``count`` if it has no colour."""
+    entry = find_first_above(value, thresholds, first, count) - first - 1
+    return entry if is_finite(value) and entry >= 0 else np.int64(count)
+
+
+@helper
+def look_up_colors(out, scalars, interval, thresholds, entries, colors):
     """Write the colours of scalars, by a colormap."""
     low, width = interval
-    first, count = entries
+    first, count, first_threshold = entries
     for n in range(scalars.shape[0]):
-        entry = first + find_entry(scalars[n], low, width, count)
+        if first_threshold < 0:
+            entry = first + find_entry(scalars[n], low, width, count)
+        else:
+            entry = first + find_threshold_entry(scalars[n], thresholds, first_threshold, count)
         for k in range(4):
             out[k][n] = colors[np.uintp(entry), k]
 
@@ -102,8 +127,8 @@ def fill_white(out):
 
 @stage
 def apply_colormaps(
-    block: Block, count, values: float64[::1], intervals: float64[:, ::1], entries: int64[:, ::1],
-    colors: float32[:, ::1],
+    block: Block, count, values: float64[::1], intervals: float64[:, ::1], thresholds: float64[::1],
+    entries: int64[:, ::1], colors: float32[:, ::1],
 ):  # fmt: skip
     """
     Write the colour of each sample's scalar to the rows of texture colours: linear RGBA.
@@ -131,8 +156,11 @@ def apply_colormaps(
             a, b, c = get_span_vertices(segment, ints)
             interpolate_span_scalars(scalars, second, third, values[a], values[b], values[c])
         look_up_colors(
-            out, scalars, (intervals[owner, LOW], intervals[owner, WIDTH]),
-            (entries[owner, FIRST_ENTRY], entries[owner, ENTRIES]), colors,
+            out, scalars, (intervals[owner, LOW], intervals[owner, WIDTH]), thresholds,
+            (
+                entries[owner, FIRST_ENTRY], entries[owner, ENTRIES],
+                entries[owner, FIRST_THRESHOLD],
+            ), colors,
         )  # fmt: skip
 
 
