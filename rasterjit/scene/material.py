@@ -137,13 +137,16 @@ class Material:
         Multiplies ``emissive``.
     alpha_mode : {"opaque", "mask", "blend"}
         Whether alpha does nothing, cuts holes where it is below ``alpha_cutoff``, or lets through
-        what lies behind. What is blended receives shadows and casts none, unless its alpha is 1
-        all over: then it is opaque.
+        what lies behind. What is blended receives shadows and casts none by default, unless its
+        alpha is 1 all over: then it is opaque.
     alpha_cutoff : float
         In 0..1e6; what has at least this alpha is shown. Alpha is found at each sample of a pixel,
         but once a face and pixel with ``Quality(samples="area")``: there edges of holes stay hard.
     double_sided : bool
         Whether back faces are drawn.
+    casts_shadow : bool, optional
+        Whether it casts shadows, as dark as those of what is opaque. Default: None, what is opaque
+        does, and what is blended, or thin and clear, does not. What is sized in pixels never does.
     clearcoat, clearcoat_roughness : float
         In 0..1, for ``"pbr"``: how much of a clear varnish lies on top, and how rough it is. It
         mirrors as glass does, 4 % straight on; what lies below is dimmed by as much.
@@ -229,6 +232,7 @@ class Material:
     alpha_mode: AlphaMode = field(default="opaque", kw_only=True)
     alpha_cutoff: float = field(default=0.5, kw_only=True)
     double_sided: bool = field(default=True, kw_only=True)
+    casts_shadow: bool | None = field(default=None, kw_only=True)
     clearcoat: float = field(default=0.0, kw_only=True)
     clearcoat_roughness: float = field(default=0.0, kw_only=True)
     clearcoat_texture: Texture | None = field(default=None, kw_only=True)
@@ -263,6 +267,8 @@ class Material:
                 raise ValueError(f"{name} must be a Texture or None, got {check.brief(texture)}")
         check.one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
         check.boolean("double_sided", self.double_sided)
+        if self.casts_shadow is not None:
+            check.boolean("casts_shadow", self.casts_shadow)
         for name, (low, high) in NUMBER_RANGES.items():
             value = getattr(self, name)
             if type(value) is not float or not low <= value <= high:

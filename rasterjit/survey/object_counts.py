@@ -60,6 +60,8 @@ class ObjectCounts(NamedTuple):
     """Whose material is blended."""
     see_through: int
     """That are transparent."""
+    casting: int
+    """That cast shadows."""
     emitting: int
     """That send out light."""
     coated: int
@@ -209,10 +211,10 @@ class Inventory:
 
     @cached_property
     def is_wall(self) -> NDArray[np.bool_]:
-        """Whether each object is opaque from both sides, (O,)."""
+        """Whether each object blocks light from both sides, (O,)."""
         return ~(
             self.is_see_through | self.is_transmitting | self._has("cut_out")
-            | self._has("single_sided") | self.is_primitive
+            | self._has("single_sided") | self.is_primitive | ~self.casts_shadows
         )  # fmt: skip
 
     @cached_property
@@ -222,13 +224,8 @@ class Inventory:
 
     @cached_property
     def casts_shadows(self) -> NDArray[np.bool_]:
-        """
-        Whether each object casts shadows, (O,).
-
-        Transparent objects, clear panes, and objects sized in pixels cast none.
-        """
-        is_clear_pane = self._has("clear_panes")
-        return ~(self.is_see_through | is_clear_pane | self._has("pixel_sized"))
+        """Whether each object casts shadows, (O,)."""
+        return self._has("casting")
 
     def pixel_overhang(
         self, size: tuple[int, int]
@@ -302,6 +299,7 @@ def _count_mesh(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
         cutouts_without_uv=has_hole and "base_color_texture" in without_uv,
         blended=material.alpha_mode == "blend",
         see_through=is_see_through(mesh),
+        casting=_casts_shadow(mesh),
         emitting=material.emits,
         coated=material.has_clearcoat,
         with_sheen=material.has_sheen,
@@ -363,6 +361,16 @@ def list_uv_sets(textures: dict[str, Texture]) -> list[int]:
 def is_see_through(mesh: Mesh) -> bool:
     """Tell whether a mesh is transparent: blended, with an alpha below 1 somewhere."""
     return mesh.material.alpha_mode == "blend" and bool(_bound_min_alpha(mesh) < np.float32(1.0))
+
+
+def _casts_shadow(mesh: Mesh) -> bool:
+    """Tell whether a mesh casts shadows; one sized in pixels does not."""
+    if getattr(mesh, "unit", None) == "pixel":
+        return False
+    if mesh.material.casts_shadow is not None:
+        return mesh.material.casts_shadow
+    is_clear_pane = is_transmissive(mesh) and mesh.material.is_clear_pane
+    return not (is_see_through(mesh) or is_clear_pane)
 
 
 def is_transmissive(mesh: Mesh) -> bool:

@@ -481,6 +481,32 @@ def test_an_array_of_ones_own_is_filled():
             getattr(renderer, method)(*arguments)
 
 
+def test_what_is_clear_casts_shadows_and_decorations_do_not():
+    floor = '<light pos="0 0 3" dir="0 0 -1" directional="true"/><geom type="plane" size="3 3 1"/>'
+    clear = '<geom type="box" size=".4 .4 .1" pos="0 0 1" rgba="1 1 1 .3"/>'
+    light, darker = {}, {}
+    for name, body in (("nothing", ""), ("clear", clear), ("decoration", "")):
+        model = model_of(floor + body)
+        with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+            renderer.update_scene(data_of(model), "front")
+            if name == "decoration":
+                geom = renderer.scene.geoms[renderer.scene.ngeom]
+                mujoco.mjv_initGeom(
+                    geom, mujoco.mjtGeom.mjGEOM_BOX, (0.4, 0.4, 0.1), (0, 0, 1), np.eye(3).ravel(),
+                    np.ones(4, np.float32),
+                )  # fmt: skip
+                geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+                renderer.scene.ngeom += 1
+            light[name] = renderer.render()[..., 0].astype(int)
+            renderer.enable_segmentation_rendering()
+            on_floor = renderer.render()[..., 0] == 0
+        darker[name] = light[name] < light["nothing"] - 30
+        if name == "clear":
+            shadow = darker[name] & on_floor
+    assert shadow.sum() > 50
+    assert not darker["decoration"][shadow].any()
+
+
 def test_what_is_not_there_yet_is_drawn_as_nothing():
     model = model_of(
         '<geom type="sphere" size="1"/><body><camera name="own"/></body>', camera=""

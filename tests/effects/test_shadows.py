@@ -359,6 +359,26 @@ def test_what_is_seen_through_casts_no_shadow_and_receives_them():
     assert (on_pane & darker).sum() > 20
 
 
+def test_casts_shadow_says_what_casts_them():
+    scene = rj.Scene()
+    scene.add(ground())
+    scene.add(box(), tf.translate((-0.5, 1.0, -0.5)))
+    scene.lights = [rj.DirectionalLight((0.2, -1, 0), shadow=rj.Shadow(filter="hard"))]
+    camera = rj.PerspectiveCamera((0.0, 3.0, 5.0), (0.0, 0.0, 0.0))
+    mesh, lit = scene.nodes[1].mesh, {}
+    for name, fields in (
+        ("opaque", {}), ("none", {"casts_shadow": False}),
+        ("clear", {"alpha_mode": "blend", "base_color": (1, 1, 1, 0.5), "casts_shadow": True}),
+    ):  # fmt: skip
+        mesh.material = replace(rj.Material(), **fields)
+        frame = rj.render(scene, camera, size=SIZE, outputs=("linear", "object_id"))
+        lit[name] = np.where(frame.object_id == 0, frame.linear[..., 0], 0.0)
+    is_darker = lit["opaque"] < 0.5 * lit["none"]
+    assert is_darker.sum() > 50
+    # Maps are fitted to what is seen, which is more behind what is clear.
+    assert (lit["clear"] != lit["opaque"]).sum() <= 5
+
+
 def ball(columns, rows):
     """Return a coarse sphere."""
     u = np.linspace(0.0, 2.0 * np.pi, columns, endpoint=False)

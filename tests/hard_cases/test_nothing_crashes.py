@@ -203,7 +203,8 @@ FIELDS = {
     rj.SectionPlane: ("point", "normal", "cap", "cap_color", "lines", "line_color", "line_width"),
     rj.Outline: ("color", "width", "edges", "crease_angle"),
     rj.Material: ("metallic", "roughness", "normal_texture", "normal_scale", "occlusion_strength",
-                  "emissive", "alpha_mode", "alpha_cutoff", "double_sided"),
+                  "emissive", "alpha_mode", "alpha_cutoff", "double_sided",
+                  "casts_shadow"),
     rj.Texture: ("color_space", "anisotropy", "offset", "rotation", "scale"),
     rj.Quality: tuple(LEVELS),
 }  # fmt: skip

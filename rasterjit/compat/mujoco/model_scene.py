@@ -93,14 +93,14 @@ MIN_SPARE_ITEMS = 16
 
 _GEOM_FIELDS = operator.attrgetter(
     "type", "dataid", "objtype", "objid", "matid", "texid", "texcoord", "segid", "emission",
-    "specular", "shininess", "reflectance", "texuniform",
+    "specular", "shininess", "reflectance", "texuniform", "category",
 )  # fmt: skip
 _LIGHT_FIELDS = operator.attrgetter(
     "type", "pos", "dir", "attenuation", "cutoff", "exponent", "ambient", "diffuse", "specular",
     "castshadow",
 )  # fmt: skip
 _TYPE, _DATA, _OBJECT, _NUMBER, _MATERIAL, _TEXTURE, _HAS_UV, _SEGMENT, _EMISSION = range(9)
-_SPECULAR, _SHININESS, _REFLECTANCE, _IS_UNIFORM = 9, 10, 11, 12
+_SPECULAR, _SHININESS, _REFLECTANCE, _IS_UNIFORM, _CATEGORY = 9, 10, 11, 12, 13
 
 
 class GeomArrays:
@@ -380,7 +380,7 @@ class ModelScene(Scene):
         texture, mapping = self._map_texture(owner, row, size)
         look = (
             *rgba, row[_EMISSION], row[_SPECULAR], row[_SHININESS], is_behind, self._specular_gain,
-            self._is_culled, texture,
+            self._is_culled, texture, row[_CATEGORY],
         )  # fmt: skip
         if kind in (GEOM.mjGEOM_SKIN, GEOM.mjGEOM_FLEX):
             material = self._make_material(rgba, row, texture, is_behind)
@@ -528,6 +528,7 @@ class ModelScene(Scene):
             alpha_mode=mode,
             double_sided=row[_TYPE] in (GEOM.mjGEOM_PLANE, GEOM.mjGEOM_TRIANGLE)
             or not self._is_culled,
+            casts_shadow=row[_CATEGORY] != mujoco.mjtCatBit.mjCAT_DECOR,
         )  # fmt: skip
 
     @property

@@ -539,6 +539,8 @@ class _Writer:
             entry["alphaCutoff"] = material.alpha_cutoff
         if material.double_sided:
             entry["doubleSided"] = True
+        if material.casts_shadow is not None:
+            self.notes.note("casts_shadow")
         is_unlit = material.shading == "unlit"
         core["metallicFactor"], core["roughnessFactor"] = _convert_metallic_roughness(material)
         if is_unlit:

@@ -209,6 +209,8 @@ class _Converter:
         color = _get_base_color(material, has_colors)
         key = id(material), color
         if key not in self._materials:
+            if material.casts_shadow is not None:
+                self.notes.note("casts_shadow")
             make = self._make_pbr if material.shading == "pbr" else self._make_simple
             self._materials[key] = make(material, color)
         return self._materials[key]
