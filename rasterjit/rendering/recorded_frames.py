@@ -43,7 +43,7 @@ from rasterjit.survey.plan import RenderPlan
 MAX_PIXELS = 1 << 15
 """Pixels of the largest recorded pictures: of larger ones, Python is a small part of the time."""
 
-MAX_FACES = 1 << 14
+MAX_FACES = 1 << 15
 """Faces, and vertices, of the largest recorded scenes."""
 
 MIN_ALIKE_FRAMES = 2

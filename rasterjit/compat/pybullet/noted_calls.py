@@ -98,7 +98,10 @@ NOTES: dict[int, Notes] = {}
 
 def get_notes(client: int) -> Notes:
     """Return the notes of a client, perhaps empty ones."""
-    return NOTES.setdefault(client, Notes())
+    notes = NOTES.get(client)
+    if notes is None:
+        notes = NOTES[client] = Notes()
+    return notes
 
 
 def note_calls() -> None:
