@@ -13,8 +13,6 @@ from pathlib import Path
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -75,11 +73,7 @@ def draw() -> tuple[Figure, SceneArtist]:
     artist = SceneArtist(flat, scene, camera)
     flat.set(title="contours every 0.2", box_aspect=1.0)
     flat.set_axis_off()
-    scale = ScalarMappable(Normalize(-1.0, 1.0), COLORMAP)
-    bar = figure.colorbar(
-        scale, ax=[spatial, flat], location="bottom", label="displacement", shrink=0.5, aspect=30
-    )
-    bar.add_lines(LEVELS, ["k"] * len(LEVELS), 0.8)
+    artist.colorbar("displacement", ax=[spatial, flat], location="bottom", shrink=0.5, aspect=30)
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     for latitude, color in ((15, "#999999"), (35, "#222222")):
         sine, cosine = np.sin(np.radians(latitude)), np.cos(np.radians(latitude))

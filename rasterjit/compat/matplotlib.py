@@ -1,37 +1,47 @@
 """
 Scenes in matplotlib's axes.
 
-In flat axes a picture of the scene fills the axes. In 3-D axes the scene is seen with the axes' own
-projection, at its place in their coordinates, so that it fits their lines and points; those that
-are handed to `SceneArtist.hide` are hidden where a face is nearer.
+In flat axes a picture of the scene fills the axes, or shows a plane of it whose coordinates are the
+axes'. In 3-D axes the scene is seen with the axes' own projection, at its place in their
+coordinates, so that it fits their lines and points; those that are handed to `SceneArtist.hide` are
+hidden where a face is nearer. A colour bar, the cursor and pick events know the scene's scalars.
 """
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.io.meshes import as_scene
-from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.colorbar import EXTENDS, find_scale
+from rasterjit.outputs.frame import PICK_OUTPUTS, Frame, PickedPixel
+from rasterjit.outputs.output_table import OutputName
 from rasterjit.rendering.planning import choose_camera
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene import transforms
+from rasterjit.scene import validation as check
 from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.camera_fitting import BoundingSphere, fit_camera
-from rasterjit.scene.color import linear_color
+from rasterjit.scene.color import linear_color, linear_to_srgb
+from rasterjit.scene.norm import ForeignNorm
 from rasterjit.scene.quality import Quality
+from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.scene import Scene
 
 try:
     from matplotlib import artist
     from matplotlib.axes import Axes
-    from matplotlib.backend_bases import RendererBase
+    from matplotlib.backend_bases import MouseEvent, RendererBase
+    from matplotlib.cm import ScalarMappable
     from matplotlib.collections import Collection, PathCollection
+    from matplotlib.colorbar import Colorbar
+    from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize, SymLogNorm
     from matplotlib.lines import Line2D
     from matplotlib.transforms import Bbox, IdentityTransform, Transform
     from mpl_toolkits.mplot3d import Axes3D
@@ -56,6 +66,10 @@ SAMPLE_STEP = 0.5
 
 PIXEL_TOLERANCE = 1e-6
 """Tolerance of sides that ought to be whole pixels."""
+
+Plane: TypeAlias = Literal["xy", "xz", "yz", "yx", "zx", "zy"]
+PLANES: tuple[Plane, ...] = get_args(Plane)
+"""Axes of the scene that go to the right and up."""
 
 MAX_SAMPLES = 64
 """Most samples of a segment, in sides of the picture: it may reach far beside."""
@@ -83,6 +97,10 @@ class SceneArtist(artist.Artist):
         by the smallest angle: with ``(0, 1, 0)`` the scene's x, y and z are the axes' x, z and -y.
         Default: the scene's coordinates are those of the axes. In flat axes it is for a camera that
         fits the scene, by default y.
+    plane : {"xy", "xz", "yz", "yx", "zx", "zy"}, optional
+        In flat axes: which of the scene's coordinates are those of the axes, to the right and up.
+        It is seen without perspective from where both go so; limits are widened to it, units are
+        as long in both directions, and other limits show another part.
     zorder : float
         Below lines by default, above the panes and grids of 3-D axes.
 
@@ -105,6 +123,7 @@ class SceneArtist(artist.Artist):
         quality: Quality | None = None,
         background: Any = "transparent",
         up: ArrayLike | None = None,
+        plane: Plane | None = None,
         zorder: float = 1.0,
     ) -> None:
         super().__init__()
@@ -118,6 +137,13 @@ class SceneArtist(artist.Artist):
             camera = (
                 self.scene.camera if camera is None else choose_camera(self.scene, camera, (1, 1))
             )
+        if plane is not None:
+            check.one_of("plane", plane, PLANES)
+            if self._is_spatial or camera is not None or up is not None:
+                raise ValueError(
+                    f"plane must be None in 3-D axes and where camera or up is given, got {plane!r}"
+                )
+        self._plane = None if plane is None else _make_plane_projection(plane)
         linear_color("background", background)
         self._up = None if up is None else transforms.unit_vector("up", up)
         self._rotation = _make_rotation_to_z(self._up)
@@ -126,7 +152,7 @@ class SceneArtist(artist.Artist):
         # What is wrong is said at once.
         explain(self.scene, camera, self._quality, size=(1, 1), background=background)
         self._ball = BoundingSphere.around(self.scene)
-        self._frames: dict[Any, Frame] = {}
+        self._frames: dict[tuple[OutputName, ...], tuple[Any, Frame]] = {}
         self._original_draws: dict[Line3D | PathCollection, Callable[[RendererBase], None]] = {}
         self.set_zorder(zorder)
         had_data = axes.has_data()
@@ -134,8 +160,100 @@ class SceneArtist(artist.Artist):
         self._data = _DataMarker()
         axes.add_artist(self._data)
         if self._is_spatial:
-            corners = np.array(list(itertools.product(*np.transpose(self.scene.bounds()))))
-            axes.auto_scale_xyz(*(corners @ self._rotation[:3, :3].T).T, had_data)
+            axes.auto_scale_xyz(*(self._scene_corners() @ self._rotation[:3, :3].T).T, had_data)
+        elif self._plane is not None:
+            axes.set_aspect("equal")
+            axes.update_datalim(self._scene_corners() @ self._plane[:2, :3].T)
+            axes.autoscale_view()
+
+    @property
+    def mappable(self) -> ScalarMappable:
+        """The colours and the norm of the scene's scalars, as colour bars take them."""
+        scale = find_scale([_scale_of(node) for node in self.scene.nodes], None)
+        shown = ListedColormap(scale.colormap.codes / 255.0, scale.colormap.name or "scene")
+        under, over, bad = (
+            (*linear_to_srgb(color[:3]).tolist(), float(color[3]))
+            for color in (
+                scale.colormap.under, scale.colormap.over,
+                np.zeros(4) if scale.nan_color is None else scale.nan_color,
+            )
+        )  # fmt: skip
+        return ScalarMappable(
+            _make_norm(scale), shown.with_extremes(under=under, over=over, bad=bad)
+        )
+
+    def colorbar(self, label: str = "", **options: Any) -> Colorbar:
+        """
+        Add Matplotlib's colour bar of the scene's scalars to the figure.
+
+        Parameters
+        ----------
+        label : str
+            Stands beside it.
+        **options
+            As ``Figure.colorbar`` takes them; ``ax`` is by default these axes, and ``extend`` says
+            at which ends values lie beyond the range. Contours are lines across it.
+
+        Raises
+        ------
+        ValueError
+            If no object has scalars, or they have several colour maps, norms or ranges.
+        """
+        scale = find_scale([_scale_of(node) for node in self.scene.nodes], None)
+        extend = EXTENDS[scale.exceeds[0] + 2 * scale.exceeds[1]]
+        bar = self.figure.colorbar(
+            self.mappable, **{"ax": self.axes, "label": label, "extend": extend} | options
+        )
+        if scale.colormap.categories:
+            bar.set_ticks(range(len(scale.colormap)), labels=scale.colormap.categories)
+        if scale.lines:
+            levels, colors = zip(*scale.lines, strict=True)
+            bar.add_lines(levels, [tuple(linear_to_srgb(one[:3])) for one in colors], 0.8)
+        return bar
+
+    def pick_at(self, x: float, y: float) -> PickedPixel | None:
+        """
+        Return what the scene shows at a place of the canvas, as axes are laid out now.
+
+        Parameters
+        ----------
+        x, y : float
+            Pixels of the canvas from the left and the bottom, as events of the mouse have them.
+
+        Returns
+        -------
+        PickedPixel or None
+            As `Frame.pick` returns it, with the scalar if there are scalars; its position is in the
+            scene's coordinates. None where nothing is.
+        """
+        camera, size, area = self._find_view(1.0)
+        column = (x - area.x0) * size[0] / area.width
+        row = (area.y1 - y) * size[1] / area.height
+        if not (0.0 <= column < size[0] and 0.0 <= row < size[1]):
+            return None
+        has_scalars = any(node.mesh.field is not None for node in self.scene.nodes)
+        scalars: tuple[OutputName, ...] = ("scalar",) if has_scalars else ()
+        return self._render(camera, size, (*PICK_OUTPUTS, *scalars)).pick(column, row)
+
+    def contains(self, mouseevent: MouseEvent) -> tuple[bool, dict[str, Any]]:
+        """Tell whether the mouse is on the scene; ``picked`` is what is there: see `pick_at`."""
+        if mouseevent.inaxes is not self.axes or not self.get_visible():
+            return False, {}
+        picked = self.pick_at(mouseevent.x, mouseevent.y)
+        return (False, {}) if picked is None else (True, {"picked": picked})
+
+    def get_cursor_data(self, event: MouseEvent) -> PickedPixel | None:
+        """Return what is under the mouse: see `pick_at`."""
+        return self.pick_at(event.x, event.y)
+
+    def format_cursor_data(self, data: PickedPixel) -> str:
+        """Return where the surface under the mouse is, and its scalar."""
+        text = ", ".join(f"{coordinate:.4g}" for coordinate in data.position.tolist())
+        return f"({text})" + ("" if data.scalar is None else f" {data.scalar:.4g}")
+
+    def _scene_corners(self) -> NDArray[np.float64]:
+        """Return the corners of the scene's bounding box, (8, 3)."""
+        return np.array(list(itertools.product(*np.transpose(self.scene.bounds()))))
 
     def hide(self, *things: Line3D | PathCollection) -> None:
         """
@@ -183,15 +301,9 @@ class SceneArtist(artist.Artist):
             for _, draw in self._list_hidden():
                 draw(renderer)
             return
-        box = self.axes.get_window_extent(renderer)
         # Vector formats count in 1/72 inch; their pictures have the resolution asked for.
-        scale = renderer.get_image_magnification()
-        left, bottom = (math.floor(side * scale + PIXEL_TOLERANCE) for side in (box.x0, box.y0))
-        right, top = (math.ceil(side * scale - PIXEL_TOLERANCE) for side in (box.x1, box.y1))
-        size = max(right - left, 1), max(top - bottom, 1)
-        area = Bbox.from_bounds(left / scale, bottom / scale, size[0] / scale, size[1] / scale)
-        camera = self._make_axes_camera(area) if self._is_spatial else self._make_flat_camera(size)
-        frame = self._render(camera, size)
+        camera, size, area = self._find_view(renderer.get_image_magnification())
+        frame = self._render(camera, size, ("color", "depth"))
         context = renderer.new_gc()
         self._set_gc_clip(context)
         context.set_alpha(self.get_alpha())
@@ -207,6 +319,17 @@ class SceneArtist(artist.Artist):
                 _draw_points(renderer, thing, draw, view)
         self.stale = False
 
+    def _find_view(self, scale: float) -> tuple[Camera | None, tuple[int, int], Bbox]:
+        """Return the camera, the size in pixels and the place on the canvas of the picture."""
+        box = self.axes.get_window_extent()
+        left, bottom = (math.floor(side * scale + PIXEL_TOLERANCE) for side in (box.x0, box.y0))
+        right, top = (math.ceil(side * scale - PIXEL_TOLERANCE) for side in (box.x1, box.y1))
+        size = max(right - left, 1), max(top - bottom, 1)
+        area = Bbox.from_bounds(left / scale, bottom / scale, size[0] / scale, size[1] / scale)
+        is_seen_by_axes = self._is_spatial or self._plane is not None
+        camera = self._make_axes_camera(area) if is_seen_by_axes else self._make_flat_camera(size)
+        return camera, size, area
+
     def _list_hidden(
         self,
     ) -> Iterator[tuple[Line3D | PathCollection, Callable[[RendererBase], None]]]:
@@ -215,18 +338,24 @@ class SceneArtist(artist.Artist):
             if thing.get_visible() and thing.axes is self.axes:
                 yield thing, draw
 
-    def _render(self, camera: Camera | None, size: tuple[int, int]) -> Frame:
-        """Render a view; reuse the last frame if nothing changed."""
+    def _render(
+        self, camera: Camera | None, size: tuple[int, int], outputs: tuple[OutputName, ...]
+    ) -> Frame:
+        """Render outputs of a view; reuse the last frame of them if nothing changed."""
         is_matrix = isinstance(camera, MatrixCamera)
         view = (camera.clip_from_view @ camera.view_from_world).tobytes() if is_matrix else camera
         key = size, view
-        if key not in self._frames:
+        held = self._frames.get(outputs)
+        if held is None or held[0] != key:
             with Renderer(size, quality=self._quality) as renderer:
-                frame = renderer.render(
-                    self.scene, camera, outputs=("color", "depth"), background=self._background
+                held = (
+                    key,
+                    renderer.render(
+                        self.scene, camera, outputs=outputs, background=self._background
+                    ),
                 )
-            self._frames = {key: frame}
-        return self._frames[key]
+            self._frames[outputs] = held
+        return held[1]
 
     def _make_flat_camera(self, size: tuple[int, int]) -> Camera | None:
         """Return the camera of a picture in flat axes; None for the one that rendering chooses."""
@@ -237,7 +366,9 @@ class SceneArtist(artist.Artist):
     def _make_axes_camera(self, area: Bbox) -> MatrixCamera:
         """Return the camera that maps the world onto an area of the canvas as the axes do."""
         # Matplotlib's matrix leads to a plane that the data transform takes to the canvas.
-        projection = np.asarray(self.axes.get_proj(), dtype=np.float64) @ self._rotation
+        projection = self._plane
+        if projection is None:
+            projection = np.asarray(self.axes.get_proj(), dtype=np.float64) @ self._rotation
         corners = self.axes.transData.transform([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
         ndc = 2.0 * (corners - (area.x0, area.y0)) / (area.width, area.height) - 1.0
         clip = np.zeros((4, 4))
@@ -355,6 +486,31 @@ class _Projection(NamedTuple):
         with np.errstate(divide="ignore", invalid="ignore"):
             stored = (c0 + c1 * clip[:, 2] + c2 * clip[:, 3]) / clip[:, 3]
         return self.camera.view_depth(stored)
+
+
+def _scale_of(node: Any) -> ColorScale | None:
+    """Return the map of a node's scalars to colours, or None."""
+    return None if node.mesh.field is None else node.mesh.field.scale
+
+
+def _make_norm(scale: ColorScale) -> Normalize:
+    """Return Matplotlib's norm that spreads values as a scale does."""
+    norm, (low, high) = scale.norm, scale.norm.range
+    if isinstance(norm, ForeignNorm):
+        return copy.deepcopy(norm.original)
+    if scale.colormap.categories:
+        return BoundaryNorm(np.arange(len(scale.colormap) + 1) - 0.5, len(scale.colormap))
+    if norm.name == "symlog":
+        return SymLogNorm(norm.width, vmin=low, vmax=high)
+    return (LogNorm if norm.name == "log" else Normalize)(low, high)
+
+
+def _make_plane_projection(plane: Plane) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix to the axes of a plane, with the distance from the viewer as z."""
+    right, up = (np.eye(3)["xyz".index(letter)] for letter in plane)
+    result = np.eye(4)
+    result[:3, :3] = right, up, -np.cross(right, up)
+    return result
 
 
 def _make_rotation_to_z(up: NDArray[np.float64] | None) -> NDArray[np.float64]:

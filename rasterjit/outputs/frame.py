@@ -17,7 +17,7 @@ from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.colorbar import Extend, append_bar, draw_colorbar, find_scale
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.output_table import OUTPUTS, IdOutput, Outputs, is_attribute
+from rasterjit.outputs.output_table import OUTPUTS, IdOutput, OutputName, Outputs, is_attribute
 from rasterjit.scene import notebook_preview
 from rasterjit.scene import validation as check
 from rasterjit.scene.hooks import call_higher_level
@@ -158,7 +158,7 @@ class PickedPixel(NamedTuple):
     scalar: float | None = None
 
 
-PICK_OUTPUTS = ("face_id", "barycentric", "position")
+PICK_OUTPUTS: tuple[OutputName, ...] = ("face_id", "barycentric", "position")
 """Outputs that `Frame.pick` reads."""
 
 

@@ -184,7 +184,7 @@ class ForeignNorm(Norm):
 
     def __init__(self, norm: Any) -> None:
         super().__init__((float(norm.vmin), float(norm.vmax)))
-        self.norm = norm
+        self.original = norm
         self.name = _kind_of(norm)
         self.width = float(getattr(norm, "linthresh", LINEAR_WIDTH))
         self.bounds = [float(one) for one in getattr(norm, "boundaries", ())]
@@ -213,7 +213,7 @@ class ForeignNorm(Norm):
         """Return where each entry begins: see `Norm.thresholds`."""
         everywhere = np.linspace(*self.range, MONOTONY_SAMPLES)
         if (np.diff(self.ranks(everywhere, count)) < 0.0).any():
-            raise ValueError(f"norm must not fall from low to high values, got {self.norm!r}")
+            raise ValueError(f"norm must not fall from low to high values, got {self.original!r}")
         starts = _find_thresholds(lambda some: self.ranks(some, count), count)
         (least,) = _bisect(self._call, np.array([-np.inf]), -MAX_VALUE, MAX_VALUE)
         return np.append(-np.inf if least == -MAX_VALUE else least, starts)
@@ -225,7 +225,7 @@ class ForeignNorm(Norm):
     def _call(self, values: Float64) -> Float64:
         """Return what the norm says of values; NaN where they have no colour."""
         with np.errstate(all="ignore"):
-            placed = self.norm(values)
+            placed = self.original(values)
         numbers = np.asarray(np.ma.getdata(placed), np.float64)
         if np.shape(numbers) != values.shape:
             raise ValueError(f"norm must give one number per value, got {check.brief(placed)}")

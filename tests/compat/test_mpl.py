@@ -15,6 +15,7 @@ from cubes import CUBE_FACES, CUBE_VERTICES
 from PIL import Image
 
 import rasterjit as rj
+from rasterjit.outputs.frame import PICK_OUTPUTS
 
 if not os.environ.get("CI"):
     pytest.importorskip("matplotlib")
@@ -348,6 +349,11 @@ def test_wrong_arguments_are_refused(unlit, camera):
         rj.mpl.SceneArtist(axes, unlit, background="nonsense")
     with pytest.raises(ValueError, match="camera"):
         rj.mpl.SceneArtist(axes, unlit, 0)
+    for plane, options, words in (
+        ("xx", {}, "plane must be one of 'xy'"), ("xy", {"up": (0, 0, 1)}, "plane must be None"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=words):
+            rj.mpl.SceneArtist(axes, unlit, plane=plane, **options)
     with pytest.raises(ValueError, match="up must not be the zero vector"):
         rj.mpl.SceneArtist(axes, unlit, up=(0, 0, 0))
     assert not axes.artists
@@ -379,3 +385,126 @@ def test_hidden_line_that_is_removed_is_gone(unlit):
     assert (pixels(drawn) != without).any()
     line.remove()
     np.testing.assert_array_equal(pixels(drawn), without)
+
+
+@pytest.fixture
+def heated():
+    """A cube whose scalars are powers of ten, and -1 at one corner."""
+    values = 10.0 ** np.arange(8.0)
+    values[3] = -1.0
+    return rj.Mesh(
+        CUBE_VERTICES, CUBE_FACES, scalars=values, norm="log", range=(10.0, 1e6), nan_color="pink",
+        contours=[1e3], material=rj.Material("unlit"),
+        colormap=rj.Colormap("turbo", under="white", over="black"),
+    )  # fmt: skip
+
+
+def test_colour_bars_are_matplotlibs_with_the_colours_of_the_scene(heated):
+    artist = rj.mpl.SceneArtist(figure()[1], heated)
+    bar = artist.colorbar("heat, K", shrink=0.5)
+    assert bar.ax.get_ylabel() == "heat, K"
+    assert bar.extend == "both"
+    assert (bar.norm.vmin, bar.norm.vmax) == (10.0, 1e6)
+    assert bar.lines[0].get_paths()
+    values = np.append(10.0 ** np.random.default_rng(3).uniform(-2, 9, 500), [np.nan, -1.0])
+    linear = heated.field.table[heated.field.entries(values)]
+    wanted = np.column_stack([rj.scene.color.linear_to_srgb(linear[:, :3]), linear[:, 3]])
+    assert np.abs(artist.mappable.to_rgba(np.ma.masked_invalid(values)) - wanted).max() < 1e-6
+
+
+def test_norms_come_back_as_they_were_given(heated):
+    colors = pytest.importorskip("matplotlib.colors")
+    for given in (colors.TwoSlopeNorm(2.0), colors.BoundaryNorm([0, 1, 5], 256)):
+        artist = rj.mpl.SceneArtist(figure()[1], heated.with_scalars(np.arange(8.0), norm=given))
+        found = artist.mappable.norm
+        assert type(found) is type(given)
+        assert (found.vmin, found.vmax) == ((0, 7) if given.vmin is None else (0, 5))
+    faces = np.arange(len(CUBE_FACES)) % 2
+    artist = rj.mpl.SceneArtist(
+        figure()[1], heated.with_scalars(faces, {"iron": "gray", "salt": "white"})
+    )
+    names = [text.get_text() for text in artist.colorbar().ax.get_yticklabels()]
+    assert names == ["iron", "salt"]
+    with pytest.raises(ValueError, match="no mesh of the scene has scalars"):
+        rj.mpl.SceneArtist(figure()[1], heated.without_colors()).colorbar()
+
+
+@pytest.mark.parametrize("plane", ["xy", "xz", "yz", "yx", "zx", "zy"])
+def test_planes_have_the_coordinates_of_the_scene(heated, plane):
+    moved = rj.Scene()
+    moved.add(heated, rj.transforms.translate((5.0, -2.0, 30.0)) @ rj.transforms.scale((3, 2, 1)))
+    drawn, axes = figure()
+    artist = rj.mpl.SceneArtist(axes, moved, plane=plane, quality=ONE)
+    drawn.canvas.draw()
+    low, high = moved.bounds()
+    right, up = ("xyz".index(letter) for letter in plane)
+    assert axes.get_xlim()[0] < low[right] < high[right] < axes.get_xlim()[1]
+    assert axes.get_ylim()[0] < low[up] < high[up] < axes.get_ylim()[1]
+    rng = np.random.default_rng(6)
+    toward = np.cross(np.eye(3)[right], np.eye(3)[up])
+    for share in rng.uniform(0.1, 0.9, (5, 2)):
+        place = low[[right, up]] + share * (high - low)[[right, up]]
+        picked = artist.pick_at(*axes.transData.transform(place))
+        pixel = np.abs(np.diff(axes.get_xlim())) / axes.bbox.width
+        assert np.abs(picked.position[[right, up]] - place).max() <= pixel
+        # The face that looks at the viewer.
+        nearest = max(low @ toward, high @ toward)
+        assert picked.position @ toward == pytest.approx(nearest, rel=1e-5)
+    assert artist.pick_at(*axes.transData.transform((axes.get_xlim()[0], low[up]))) is None
+    # Other limits show another part, as sharply.
+    axes.set(xlim=low[right] + [0.1, 0.2], ylim=low[up] + [0.3, 0.4])
+    drawn.canvas.draw()
+    found = artist.pick_at(*axes.transAxes.transform((0.5, 0.5))).position[[right, up]]
+    assert found == pytest.approx(low[[right, up]] + [0.15, 0.35], abs=0.003)
+
+
+def test_the_mouse_finds_places_of_the_scene_and_its_scalars(heated):
+    events = pytest.importorskip("matplotlib.backend_bases")
+    drawn, axes, artist = spatial(heated)
+    drawn.canvas.draw()
+    camera, size, area = artist._find_view(1.0)
+    frame = rj.render(
+        heated, camera, size=size, quality=ONE, outputs=(*PICK_OUTPUTS, "scalar"), threads=1
+    )
+    seen = 0
+    for row, column in itertools.product(range(0, size[1], 9), range(0, size[0], 9)):
+        wanted = frame.pick(column, row)
+        # Events have whole numbers: the left and the upper edge of a pixel.
+        x, y = area.x0 + column, area.y1 - row
+        event = events.MouseEvent("motion_notify_event", drawn.canvas, x, y)
+        is_on, found = artist.contains(event)
+        assert is_on == (wanted is not None)
+        if is_on:
+            seen += 1
+            assert (found["picked"].face, found["picked"].scalar) == (wanted.face, wanted.scalar)
+            assert artist.format_cursor_data(artist.get_cursor_data(event)).startswith("(")
+            found = []
+            link = drawn.canvas.mpl_connect("pick_event", found.append)
+            artist.set_picker(True)
+            axes.pick(event)
+            assert [one.picked.face for one in found] == [wanted.face]
+            drawn.canvas.mpl_disconnect(link)
+    assert seen > 3
+    artist.set_visible(False)
+    assert not artist.contains(event)[0]
+
+
+def test_tight_pictures_end_at_the_axes(unlit):
+    drawn, axes = figure()
+    axes.set_axis_off()
+    rj.mpl.SceneArtist(axes, unlit)
+    with io.BytesIO() as file:
+        drawn.savefig(file, format="png", bbox_inches="tight", pad_inches=0.0)
+        assert Image.open(file).size == pytest.approx(axes.bbox.size, abs=1)
+
+
+def test_inches_and_dots_give_the_very_pixels_of_a_frame(unlit):
+    drawn = Figure(figsize=(1.5, 1.25))
+    axes = drawn.add_axes([0.0, 0.0, 1.0, 1.0])
+    axes.set_axis_off()
+    rj.mpl.SceneArtist(axes, unlit, quality=ONE, background="white")
+    with io.BytesIO() as file:
+        drawn.savefig(file, format="png", dpi=160)
+        found = np.array(Image.open(file).convert("RGB"))
+    wanted = rj.render(unlit, size=(240, 200), quality=ONE, background="white", threads=1)
+    assert np.array_equal(found, wanted.color[..., :3])

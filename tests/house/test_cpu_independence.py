@@ -371,7 +371,6 @@ ALLOWED = {
     **{
         (f"{name}.py", "norm"): "a field: how values are spread over colours"
         for name in (
-            "scene/norm",
             "scene/scalar_field",
             "outputs/colorbar",
             "outputs/ticks",
