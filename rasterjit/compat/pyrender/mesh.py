@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.compat.pyrender.constants import GLTF
 from rasterjit.compat.pyrender.fields import Field, keep_any, to_text_or_none
 from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial
-from rasterjit.compat.pyrender.primitive import Primitive, measure_diagonal
+from rasterjit.compat.pyrender.primitive import Bounded, Primitive
 from rasterjit.scene.validation import brief
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _METALLIC, _ROUGHNESS = 0.2, 0.8
 
 
 @dataclass(eq=False, repr=False)
-class Mesh:
+class Mesh(Bounded):
     """
     Primitives that stand together.
 
@@ -57,22 +57,6 @@ class Mesh:
             low, high = one.bounds
             bounds = np.stack([np.minimum(bounds[0], low), np.maximum(bounds[1], high)])
         return bounds
-
-    @property
-    def centroid(self) -> NDArray[np.float64]:
-        """(3,) float64: the middle of its bounds."""
-        return np.asarray(np.mean(self.bounds, axis=0))
-
-    @property
-    def extents(self) -> NDArray[np.float64]:
-        """(3,) float64: the sides of its bounds."""
-        low, high = self.bounds
-        return high - low
-
-    @property
-    def scale(self) -> np.float64:
-        """The diagonal of its bounds."""
-        return measure_diagonal(self.extents)
 
     @property
     def is_transparent(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import copy
 from dataclasses import MISSING, dataclass, field
 from typing import Any, overload
@@ -31,8 +32,35 @@ def _check_material(value: Material | None) -> Material:
     return MetallicRoughnessMaterial() if value is None else value
 
 
+class Bounded(abc.ABC):
+    """What has bounds: their middle, sides and diagonal, in the precision of these."""
+
+    @property
+    @abc.abstractmethod
+    def bounds(self) -> NDArray[Any]:
+        """(2, 3) float: least and largest coordinates."""
+
+    @property
+    def centroid(self) -> NDArray[Any]:
+        """(3,) float: the middle of its bounds."""
+        low, high = self.bounds
+        return (low + high) / 2.0
+
+    @property
+    def extents(self) -> NDArray[Any]:
+        """(3,) float: the sides of its bounds."""
+        low, high = self.bounds
+        return high - low
+
+    @property
+    def scale(self) -> Any:
+        """The diagonal of its bounds."""
+        extents = self.extents
+        return np.sqrt((extents * extents).sum())
+
+
 @dataclass(eq=False, repr=False)
-class Primitive:
+class Primitive(Bounded):
     """
     Triangles, lines or points of one material.
 
@@ -197,22 +225,6 @@ class Primitive:
                 low, high = low + places.min(axis=0), high + places.max(axis=0)
             self._bounds = np.stack([low, high])
         return self._bounds
-
-    @property
-    def centroid(self) -> Float32:
-        """(3,) float32: the middle of its bounds."""
-        return np.asarray(np.mean(self.bounds, axis=0))
-
-    @property
-    def extents(self) -> Float32:
-        """(3,) float32: the sides of its bounds."""
-        low, high = self.bounds
-        return high - low
-
-    @property
-    def scale(self) -> np.floating[Any]:
-        """The diagonal of its bounds."""
-        return measure_diagonal(self.extents)
 
     @property
     def buf_flags(self) -> int:
@@ -383,11 +395,6 @@ def zero_nonfinite(array: NDArray[np.floating[Any]] | None) -> NDArray[np.floati
     if array is None or not array.size or (np.isfinite(array.min()) and np.isfinite(array.max())):
         return array
     return np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0)
-
-
-def measure_diagonal(extents: NDArray[Any]) -> Any:
-    """Return the length of a vector in its precision."""
-    return np.sqrt((extents * extents).sum())
 
 
 def _to_floats(value: ArrayLike) -> Float32:

@@ -13,7 +13,7 @@ from rasterjit.compat.pyrender.fields import Field, to_text_or_none
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.compat.pyrender.node import Node
-from rasterjit.compat.pyrender.primitive import measure_diagonal
+from rasterjit.compat.pyrender.primitive import Bounded
 from rasterjit.compat.pyrender.utils import format_color_vector
 from rasterjit.scene import transforms
 from rasterjit.scene.validation import brief
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import trimesh
 
 
-class Scene:
+class Scene(Bounded):
     """
     What is drawn.
 
@@ -165,23 +165,6 @@ class Scene:
             return np.zeros((2, 3))
         points = np.concatenate(corners)
         return np.stack([points.min(axis=0), points.max(axis=0)])
-
-    @property
-    def centroid(self) -> NDArray[np.float64]:
-        """(3,) float64: the middle of the bounds."""
-        low, high = self.bounds
-        return (low + high) / 2.0
-
-    @property
-    def extents(self) -> NDArray[np.float64]:
-        """(3,) float64: the sides of the bounds."""
-        low, high = self.bounds
-        return high - low
-
-    @property
-    def scale(self) -> np.float64:
-        """The diagonal of the bounds."""
-        return measure_diagonal(self.extents)
 
     def add(
         self,

@@ -493,7 +493,7 @@ class Viewer(Window):
         try:
             if not self._is_active:
                 return
-            self._remove_axes()
+            self._set_axes(False, False)
             for node in (*self._raymond_lights, self._direct_light, self._camera_node):
                 if self._scene.has_node(node):
                     self._scene.remove_node(node)
@@ -797,14 +797,13 @@ class Viewer(Window):
             flags |= RenderFlags.ALL_WIREFRAME
         elif by_name["all_solid"]:
             flags |= RenderFlags.ALL_SOLID
-        if by_name["shadows"]:
-            flags |= RenderFlags.SHADOWS_DIRECTIONAL | RenderFlags.SHADOWS_SPOT
-        if by_name["vertex_normals"]:
-            flags |= RenderFlags.VERTEX_NORMALS
-        if by_name["face_normals"]:
-            flags |= RenderFlags.FACE_NORMALS
-        if not by_name["cull_faces"]:
-            flags |= RenderFlags.SKIP_CULL_FACES
+        for is_on, flag in (
+            (by_name["shadows"], RenderFlags.SHADOWS_DIRECTIONAL | RenderFlags.SHADOWS_SPOT),
+            (by_name["vertex_normals"], RenderFlags.VERTEX_NORMALS),
+            (by_name["face_normals"], RenderFlags.FACE_NORMALS),
+            (not by_name["cull_faces"], RenderFlags.SKIP_CULL_FACES),
+        ):
+            flags |= flag if is_on else RenderFlags.NONE
         return flags
 
     def _view_center(self) -> Any:
@@ -859,9 +858,6 @@ class Viewer(Window):
                 size = 0.5 * length(high - low)
                 self._axes[node] = Node(mesh=_make_axis_mesh(), scale=np.ones(3) * size)
                 scene.add_node(self._axes[node], parent_node=node)
-
-    def _remove_axes(self) -> None:
-        self._set_axes(False, False)
 
     def _unused_path(self, name: str) -> Path:
         """Return the path of a file that does not exist yet, in the folder to save in."""
