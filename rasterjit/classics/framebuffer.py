@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.classics import line_bands, primitives
 from rasterjit.pipeline import bresenham
-from rasterjit.runtime.threads import Workers
+from rasterjit.runtime.threads import Workers, split_range
 from rasterjit.scene import validation as check
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.validation import MaskedError
@@ -413,10 +413,7 @@ def _draw_in_bands(
     lines_per_batch = RECORDS_PER_BATCH // len(tops)
     for batch in range(0, len(ends), lines_per_batch):
         batch_end = min(batch + lines_per_batch, len(ends))
-        parts = [
-            slice(first, min(first + LINES_PER_TASK, batch_end))
-            for first in range(batch, batch_end, LINES_PER_TASK)
-        ]
+        parts = [slice(*part) for part in split_range(batch_end, LINES_PER_TASK, batch)]
         bins = workers.run(
             _bin_lines,
             [(ends[part], packed_colors[part], band_of_row, width, len(tops)) for part in parts],

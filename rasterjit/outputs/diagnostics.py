@@ -13,7 +13,7 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
-from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.runtime.threads import Workers, split_into_bands
 from rasterjit.scene.arrays import Int32, Int64
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.notebook_preview import TextReport
@@ -231,15 +231,11 @@ def _find_depth_ranges(
 
 def _find_largest_error(face_id: Int32, geometry: Geometry, workers: Workers) -> float:
     """Return the largest error bound of a visible sample."""
-    height, step = len(face_id), rows_per_task(face_id.shape, workers)
-    firsts = range(0, height, step)
-    largest = np.zeros((len(firsts), 1))
+    bands = split_into_bands(face_id.shape, workers)
+    largest = np.zeros((len(bands), 1))
     workers.run(
         diagnostics_stage.find_largest_error,
-        [
-            (face_id, (first, min(first + step, height)), geometry, largest[n])
-            for n, first in enumerate(firsts)
-        ],
+        [(face_id, rows, geometry, own) for rows, own in zip(bands, largest, strict=True)],
     )
     return float(largest.max())
 

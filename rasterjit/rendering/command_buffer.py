@@ -47,7 +47,7 @@ from rasterjit.rendering.resolve_layers import ColorRows, LateToneMapping, Shade
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.stage_runner import StageList
 from rasterjit.runtime.state_block import WORD
-from rasterjit.runtime.threads import Memory, ReusedMemory, Workers
+from rasterjit.runtime.threads import Memory, ReusedMemory, Workers, split_range
 from rasterjit.scene.camera import Camera
 from rasterjit.survey.batched_views import BatchTransforms
 from rasterjit.survey.cache import SceneCache
@@ -629,10 +629,9 @@ class CommandBuffer:
         face_memory, part_memory = ReusedMemory(), ReusedMemory()
         max_rows = resolve_layers.MAX_LAYERED_ROWS if capacity else resolve_layers.MAX_OPAQUE_ROWS
         # Find the faces of a row of tiles, then shade some rows at once.
-        for top in range(0, viewport.height, TILE_SIZE):
-            rows = top, min(top + TILE_SIZE, viewport.height)
+        for rows in split_range(viewport.height, TILE_SIZE):
             face_memory.begin()
-            shape = samples, capacity, rows[1] - rows[0], viewport.width
+            top, shape = rows[0], (samples, capacity, rows[1] - rows[0], viewport.width)
             stack = face_memory.empty(shape, np.float32), face_memory.empty(shape, np.int32)
             opaque = face_memory.empty((samples, *shape[2:]), np.int32)
             used, max_layers = np.empty((samples, lists.columns), np.int64), np.zeros(3, np.int64)

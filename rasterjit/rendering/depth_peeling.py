@@ -30,7 +30,7 @@ from rasterjit.rendering.planning import Cull, PlannedFrame, check_request, plan
 from rasterjit.rendering.renderer import count_stats, find_visible, prepare_motion
 from rasterjit.runtime.background_compile import compile_in_background
 from rasterjit.runtime.clocks import StageClock
-from rasterjit.runtime.threads import Workers
+from rasterjit.runtime.threads import Workers, split_range
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality, check_quality
@@ -185,8 +185,8 @@ def peel(
     # A surface with a hole gives its place to the next one.
     kept = count if finder.alpha_tests is None else None
 
-    def peel_tiles(first: int) -> None:
-        rows = first, min(first + TILE_SIZE, viewport.height)
+    def peel_tiles(first: int, last: int) -> None:
+        rows = first, last
         for band in fragment_bands.find_layers(rows, lists, 1, finder, workers.memory, kept):
             assert band.depths is not None
             found = band.transparent[0], band.depths[0]
@@ -196,5 +196,5 @@ def peel(
             faces[:, target][: len(found[0])] = found[0][:count]
             depths[:, target][: len(found[1])] = found[1][:count]
 
-    workers.run(peel_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+    workers.run(peel_tiles, split_range(viewport.height, TILE_SIZE))
     return depths, faces

@@ -28,7 +28,13 @@ from rasterjit.rendering import pass_runner, resolve_layers
 from rasterjit.rendering.effect_registry import prepare_effects
 from rasterjit.rendering.pass_runner import IMMEDIATE
 from rasterjit.runtime import jit
-from rasterjit.runtime.threads import FrameCache, Workers, count_per_task, rows_per_task
+from rasterjit.runtime.threads import (
+    FrameCache,
+    Workers,
+    count_per_task,
+    rows_per_task,
+    split_range,
+)
 from rasterjit.survey.cache import MaterialTables, SceneCache
 from rasterjit.survey.effect import (
     ActiveEffect,
@@ -243,12 +249,11 @@ def light_vertices(
     lit = np.zeros((count, 2, 3), np.float32)
     per_task = count_per_task(count, MIN_LIT_VERTICES, workers)
 
-    def light_some(first: int) -> None:
-        vertices = first, min(first + per_task, count)
+    def light_some(first: int, last: int) -> None:
         inputs = vertex_starts, placement, surface, lighting, effects
-        pass_runner.light_vertices(plan.shading, vertices, *inputs, lit)
+        pass_runner.light_vertices(plan.shading, (first, last), *inputs, lit)
 
-    workers.run(light_some, [(n,) for n in range(0, count, per_task)])
+    workers.run(light_some, split_range(count, per_task))
     return lit
 
 
@@ -293,12 +298,12 @@ def shade_in_bands(
         shader.shading.shade_bands(face_id, per_task, linear, packed, workers)
         return
 
-    def shade_band(first: int) -> None:
-        band = slice(first, min(first + per_task, height))
+    def shade_band(first: int, last: int) -> None:
+        band = slice(first, last)
         shader.shading.shade(face_id[band], first, linear[band], packed[band])
         shader.draw_background(IMMEDIATE, face_id[band], first, linear[band], packed[band])
 
-    workers.run(shade_band, [(first,) for first in range(0, height, per_task)])
+    workers.run(shade_band, split_range(height, per_task))
 
 
 def fill_background(

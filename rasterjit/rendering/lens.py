@@ -35,7 +35,7 @@ from rasterjit.rendering.lens_views import (
 )
 from rasterjit.rendering.planning import FrameRequest, PlannedFrame
 from rasterjit.runtime.clocks import StageClock
-from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.runtime.threads import Workers, split_into_bands
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, move_planes
 from rasterjit.scene.color import decoding_table
@@ -372,11 +372,7 @@ def _resample(
         for taken, array in nearest.items():
             targets[taken][first:last][is_here] = array[row, column]
 
-    count, per_task = len(lens_views.number), rows_per_task(lens_views.number.shape, workers)
-    workers.run(
-        resample_rows,
-        [(first, min(first + per_task, count)) for first in range(0, count, per_task)],
-    )
+    workers.run(resample_rows, split_into_bands(lens_views.number.shape, workers))
 
 
 def _empty_value(name: str) -> float:
@@ -428,8 +424,7 @@ def _finish_output(
         return target
     color = np.empty(target.shape, np.uint8)
     packed, encoding = color.view(np.uint32)[:, :, 0], srgb_encoding.make_encoding_table()
-    per_task = rows_per_task(packed.shape, workers)
-    bands = [slice(first, first + per_task) for first in range(0, len(packed), per_task)]
+    bands = [slice(*rows) for rows in split_into_bands(packed.shape, workers)]
     workers.run(
         srgb_encoding.encode_rows, [(target[band], encoding, packed[band]) for band in bands]
     )

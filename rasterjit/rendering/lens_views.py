@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.runtime.threads import Workers
+from rasterjit.runtime.threads import Workers, split_range
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.lens import Equirectangular, Lens
@@ -248,8 +248,7 @@ def find_lens_views(
     spread = np.zeros((height, width, 4), np.float32)
     faces = CUBE_FACES[:1] if _fits_one_picture(lens, size, sight) else CUBE_FACES
 
-    def find_some(first: int) -> tuple[Float64, float, float]:
-        last = min(first + ROWS_PER_TASK, height)
+    def find_some(first: int, last: int) -> tuple[Float64, float, float]:
         columns = np.arange(width + 1.0)
         centers = lens.unproject(
             sight.places(columns[:-1] + 0.5, np.arange(first, last, dtype=np.float64) + 0.5)
@@ -261,7 +260,7 @@ def find_lens_views(
             faces, centers, corners, (number[some], place[some], spread[some])
         )
 
-    found = workers.run(find_some, [(first,) for first in range(0, height, ROWS_PER_TASK)])
+    found = workers.run(find_some, split_range(height, ROWS_PER_TASK))
     face_extents, widths, cosines = zip(*found, strict=True)
     extents, least, cosine = np.array(face_extents), min(widths), min(cosines)
     if isinstance(lens, Equirectangular):

@@ -42,7 +42,7 @@ from rasterjit.rendering.pass_runner import (
     Shading,
     empty_color,
 )
-from rasterjit.runtime.threads import FrameCache, Memory, ReusedMemory, Workers
+from rasterjit.runtime.threads import FrameCache, Memory, ReusedMemory, Workers, split_range
 from rasterjit.scene.reference_shader import decode_codes
 from rasterjit.survey.effect import ActiveEffect, is_backdrop, select_acting
 from rasterjit.survey.plan import RenderPlan
@@ -512,8 +512,7 @@ def shade(
     packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
     at_once = resolves_and_encodes_at_once(plan, tone_mapping is not None)
 
-    def shade_tiles(first: int) -> None:
-        last = min(first + TILE_SIZE, viewport.height)
+    def shade_tiles(first: int, last: int) -> None:
         shape = last - first, viewport.width * (linear is not None or not at_once), 4
         rows = workers.memory.empty(shape, np.float32) if linear is None else linear[first:last]
         target = ColorRows(rows, (packed if at_once else nothing)[first:last])
@@ -524,7 +523,7 @@ def shade(
                 IMMEDIATE, tone_mapping, table, ColorRows(rows, shown), first, workers.memory
             )
 
-    workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+    workers.run(shade_tiles, split_range(viewport.height, TILE_SIZE))
 
 
 def tone_map_and_encode(
@@ -645,8 +644,7 @@ def shade_codes(
     packed = None if color is None else color.view(np.uint32)[:, :, 0]
     light = decode_codes(shader.encoding).copy()
 
-    def code_tiles(first: int) -> None:
-        last = min(first + TILE_SIZE, viewport.height)
+    def code_tiles(first: int, last: int) -> None:
         if packed is None:
             rows = workers.memory.empty((last - first, viewport.width), np.uint32)
         else:
@@ -656,4 +654,4 @@ def shade_codes(
         if linear is not None:
             srgb_compositing.decode_rows(rows, light, linear[first:last])
 
-    workers.run(code_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+    workers.run(code_tiles, split_range(viewport.height, TILE_SIZE))

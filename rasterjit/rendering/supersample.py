@@ -37,7 +37,7 @@ from rasterjit.rendering import frame_shading, resolve_layers
 from rasterjit.rendering.lens_views import DerivedCamera, PictureCamera
 from rasterjit.rendering.pass_runner import IMMEDIATE
 from rasterjit.runtime.progress import PICTURE_COUNTERS
-from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.runtime.threads import Workers, split_into_bands, split_range
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.reference_shader import decode_codes
 from rasterjit.scene.transforms import Matrix
@@ -396,29 +396,17 @@ def list_step_offsets(plan: RenderPlan) -> list[list[Offset]]:
     return [offsets[a:b] for a, b in zip([0, *counts[:-1]], counts, strict=True)]
 
 
-def _split_into_bands(shape: tuple[int, ...], workers: Workers) -> list[tuple[slice]]:
-    """Split the rows of a frame, (H, W, ...), into one band per task."""
-    per_task = rows_per_task(shape, workers)
-    return [(slice(first, first + per_task),) for first in range(0, shape[0], per_task)]
-
-
 def _add_picture(linear: NDArray[np.float32], sums: NDArray[np.float64], workers: Workers) -> None:
     """Add the linear colour of a picture to the sums, both (H, W, 4)."""
-
-    def add_band(band: slice) -> None:
-        coverage_resolve.add_picture(linear[band], sums[band])
-
-    workers.run(add_band, _split_into_bands(linear.shape, workers))
+    bands = [slice(*rows) for rows in split_into_bands(linear.shape, workers)]
+    workers.run(coverage_resolve.add_picture, [(linear[band], sums[band]) for band in bands])
 
 
 def _add_codes(color: NDArray[np.uint8], sums: NDArray[np.float64], workers: Workers) -> None:
     """Add the codes of a picture to the sums, both (H, W, 4)."""
     packed = color.view(np.uint32)[:, :, 0]
-
-    def add_band(band: slice) -> None:
-        srgb_compositing.add_codes(packed[band], sums[band])
-
-    workers.run(add_band, _split_into_bands(color.shape, workers))
+    bands = [slice(*rows) for rows in split_into_bands(color.shape, workers)]
+    workers.run(srgb_compositing.add_codes, [(packed[band], sums[band]) for band in bands])
 
 
 def _average_codes(
@@ -436,12 +424,13 @@ def _average_codes(
         [[srgb_encoding.encode_color(plan.background, plan.facts.encoding)]], np.uint32
     )
 
-    def write_band(band: slice) -> None:
+    def write_band(*rows: int) -> None:
+        band = slice(*rows)
         srgb_compositing.write_mean_codes(sums[band], count, behind, packed[band])
         if linear is not None:
             srgb_compositing.decode_rows(packed[band], light, linear[band])
 
-    workers.run(write_band, _split_into_bands(sums.shape, workers))
+    workers.run(write_band, split_into_bands(sums.shape, workers))
     return _select_outputs(plan, linear, color)
 
 
@@ -467,14 +456,15 @@ def _average(
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
     packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]
 
-    def write_band(band: slice) -> None:
+    def write_band(*rows: int) -> None:
+        band = slice(*rows)
         coverage_resolve.write_mean(sums[band], count, behind, linear[band])
-        rows = resolve_layers.ColorRows(linear[band], packed[band])
+        colors = resolve_layers.ColorRows(linear[band], packed[band])
         resolve_layers.tone_map_and_encode(
-            IMMEDIATE, tone_mapping, table, rows, band.start, workers.memory
+            IMMEDIATE, tone_mapping, table, colors, rows[0], workers.memory
         )
 
-    workers.run(write_band, _split_into_bands(sums.shape, workers))
+    workers.run(write_band, split_into_bands(sums.shape, workers))
     return _select_outputs(plan, linear, color)
 
 
@@ -512,8 +502,8 @@ def _measure_sample_coverage(
     lists = fragment_bands.split_tile_lists(coverage, viewport, nothing, workers)
     covered = workers.memory.empty((viewport.height, viewport.width), np.float32)
 
-    def cover_tiles(first: int) -> None:
-        rows = first, min(first + TILE_SIZE, viewport.height)
+    def cover_tiles(first: int, last: int) -> None:
+        rows = first, last
         if samples == "area":
             _, _, rest = fragment_bands.find_areas(rows, lists, finder, workers.memory)
             np.subtract(np.float32(1.0), rest, out=covered[slice(*rows)])
@@ -524,5 +514,5 @@ def _measure_sample_coverage(
             # The number of samples is a power of two.
             target[:] = counts / np.float32(samples)
 
-    workers.run(cover_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+    workers.run(cover_tiles, split_range(viewport.height, TILE_SIZE))
     return covered

@@ -463,13 +463,17 @@ def rows_per_task(shape: tuple[int, ...], workers: Workers) -> int:
     return count_per_task(shape[0], -(-MIN_PIXELS_PER_TASK // shape[1]), workers)
 
 
+def split_range(end: int, step: int, start: int = 0) -> list[tuple[int, int]]:
+    """Split a range into parts: the first number of each, and the one behind its last."""
+    return [(first, min(first + step, end)) for first in range(start, end, step)]
+
+
+def split_into_bands(shape: tuple[int, ...], workers: Workers) -> list[tuple[int, int]]:
+    """Split the rows of an (H, W) frame into one band per task."""
+    return split_range(shape[0], rows_per_task(shape, workers))
+
+
 def fill_rows(kernel: Any, face_id: NDArray[np.int32], arguments: tuple, workers: Workers) -> None:
     """Call a kernel for bands of rows, shared among threads."""
-    height, per_task = len(face_id), rows_per_task(face_id.shape, workers)
-    workers.run(
-        kernel,
-        [
-            (face_id, (first, min(first + per_task, height)), *arguments)
-            for first in range(0, height, per_task)
-        ],
-    )
+    bands = split_into_bands(face_id.shape, workers)
+    workers.run(kernel, [(face_id, rows, *arguments) for rows in bands])

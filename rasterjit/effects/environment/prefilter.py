@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.environment import prefilter_stage, stage
 from rasterjit.effects.environment.stage import EnvironmentRecord, Irradiance, Reflections
-from rasterjit.runtime.threads import Workers
+from rasterjit.runtime.threads import Workers, split_range
 from rasterjit.scene.environment import Environment, Panorama, SkyGradient
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.survey.packed_scene import writable
@@ -409,11 +409,8 @@ def _sum_ring(
     workers.run(
         prefilter_stage.add_ring,
         [
-            (
-                (row, min(row + ROWS_PER_TASK, height)), alpha_squared, ring, source, *heights,
-                cosines, total, sums,
-            )
-            for row in range(0, height, ROWS_PER_TASK)
+            (rows, alpha_squared, ring, source, *heights, cosines, total, sums)
+            for rows in split_range(height, ROWS_PER_TASK)
         ],
-    )  # fmt: skip
+    )
     return sums, total

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.eye_dome import stage as eye_dome_stage
 from rasterjit.pipeline.passes import Pass, Rows, fixed, rows_where
-from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.runtime.threads import Workers, split_into_bands
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.quality import Quality
@@ -78,9 +78,7 @@ def compute_shading(
         Reversed depth of the picture, or of a part of it.
     workers : Workers
     """
-    height, width = depth.shape
-    per_task = rows_per_task(depth.shape, workers)
-    bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
+    bands = [(rows,) for rows in split_into_bands(depth.shape, workers)]
     nearness = workers.memory.empty(depth.shape, np.float32)
     if is_perspective(camera):
         workers.run(lambda rows: eye_dome_stage.compute_nearness(depth, rows, nearness), bands)
@@ -91,7 +89,7 @@ def compute_shading(
     factor = np.float32(LOG_GAIN * effect.strength / (len(offsets) * LN_2))
 
     def find_band(rows: tuple[int, int]) -> None:
-        total = np.empty(width, np.float32)
+        total = np.empty(depth.shape[1], np.float32)
         eye_dome_stage.compute_shading(nearness, rows, offsets, factor, shading, total)
 
     workers.run(find_band, bands)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rasterjit.effects.outline import stage as outline_stage
 from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK_UNITS, build_unprojection_matrix
 from rasterjit.pipeline.passes import Rows, rows_where
-from rasterjit.runtime.threads import rows_per_task
+from rasterjit.runtime.threads import split_into_bands
 from rasterjit.scene import transforms
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.outline import Outline
@@ -63,8 +63,7 @@ def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint
     marks = context.per_view(MARKS, np.zeros(face_id.shape, np.uint8))
     rgba = opaque_codes(effect.color).view(np.uint32)
     target, disc = color.view(np.uint32)[:, :, 0], make_disc_rows(effect.width)
-    per_task = rows_per_task(face_id.shape, workers)
-    bands = [(n, min(n + per_task, height)) for n in range(0, height, per_task)]
+    bands = split_into_bands(face_id.shape, workers)
     shared = coverage.reversed_vertex_depth, geometry, context.placement, matrix, snap_slack, kinds
     edges = [
         (face_id, rows, depth, *shared, min_cosine, marks, outline_stage.make_scratch(width))

@@ -20,7 +20,7 @@ from rasterjit.effects.wireframe import draw_edges
 from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.pipeline.geometry.setup import NEAR
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
-from rasterjit.runtime.threads import rows_per_task
+from rasterjit.runtime.threads import split_into_bands
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
@@ -159,9 +159,7 @@ class SectionLines(ScreenEffect):
         geometry, coverage = context.seen.geometry, context.seen.coverage
         target, coefficients = color.view(np.uint32)[:, :, 0], plan.camera.depth_coefficients()
         hidden_by = coverage.face_id, coverage.reversed_depth
-        height = len(target)
-        per_task = rows_per_task(target.shape, workers)
-        bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
+        bands = split_into_bands(target.shape, workers)
         cut = cache.cut
         for number, plane in enumerate(planes if cut is not None else ()):
             edges = cut.edges[number]
@@ -174,14 +172,7 @@ class SectionLines(ScreenEffect):
             draw_edges(edges, geometry, coefficients, MARK_RGBA, canvas, hidden_by, workers)
             marks, disc = canvas[:, :, 0].copy(), make_disc_rows(plane.line_width)
             rgba = opaque_codes(plane.line_color).view(np.uint32)
-
-            def draw_band(
-                rows: tuple[int, int], marks: NDArray[np.uint8] = marks,
-                disc: NDArray[np.int32] = disc, rgba: NDArray[np.uint32] = rgba,
-            ) -> None:  # fmt: skip
-                dilate_marks(marks, rows, disc, rgba, target)
-
-            workers.run(draw_band, bands)
+            workers.run(dilate_marks, [(marks, rows, disc, rgba, target) for rows in bands])
 
     places: ClassVar = {"overlay": draw_over}
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.transmission import stage as transmission_stage
 from rasterjit.pipeline.passes import Pass, Rows, ShadingArrays, ShadingNeeds, rows_where
-from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.runtime.threads import Workers, split_into_bands, split_range
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
@@ -90,24 +90,23 @@ def build_mip_levels(
     first, last_width, last_height = levels[-1].tolist()
     texels = workers.memory.empty((first + last_width * last_height, 3), np.float32)
     base = texels[: height * width].reshape(height, width, 3)
-    per_task = rows_per_task(linear.shape, workers)
 
-    def start(row: int) -> None:
-        band = slice(row, row + per_task)
+    def start(*rows: int) -> None:
+        band = slice(*rows)
         np.multiply(linear[band, :, :3], linear[band, :, 3:], out=base[band])
         # Light beyond float32 could not be interpolated.
         np.fmin(base[band], MAX_LIGHT, out=base[band])
 
-    workers.run(start, [(row,) for row in range(0, height, per_task)])
+    workers.run(start, split_into_bands(linear.shape, workers))
     for level in range(1, len(levels)):
-        rows = int(levels[level, transmission_stage.HEIGHT])
-        step = max(MIN_ROWS_PER_TASK, -(-rows // workers.threads))
+        row_count = int(levels[level, transmission_stage.HEIGHT])
+        step = max(MIN_ROWS_PER_TASK, -(-row_count // workers.threads))
         finer = int(levels[level - 1, transmission_stage.WIDTH])
         workers.call(
             transmission_stage.downsample,
             [
-                (texels, levels, level, (row, min(row + step, rows)), np.empty((finer, 3), "f4"))
-                for row in range(0, rows, step)
+                (texels, levels, level, rows, np.empty((finer, 3), "f4"))
+                for rows in split_range(row_count, step)
             ],
         )
     return texels, levels

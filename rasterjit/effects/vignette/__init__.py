@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rasterjit.effects.vignette.stage import darken_rows
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.pipeline.srgb_encoding import make_encoding_table
-from rasterjit.runtime.threads import rows_per_task
+from rasterjit.runtime.threads import split_into_bands
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -60,11 +60,10 @@ class Vignetting(BatchedEffect):
     def darken(vignette: Vignette, context: FrameContext, color: NDArray[np.uint8]) -> None:
         """Darken the colour, (H, W, 4)."""
         plan, workers = context.plan, context.workers
-        target, step = color.view(np.uint32)[:, :, 0], rows_per_task(color.shape, workers)
-        parts = [(n, min(n + step, len(target))) for n in range(0, len(target), step)]
+        target, bands = color.view(np.uint32)[:, :, 0], split_into_bands(color.shape, workers)
         parameters = plan.corner, plan.size, vignette.strength, vignette.start
         tables = decoding_table().copy(), make_encoding_table()
-        workers.run(darken_rows, [(target, rows, *parameters, *tables) for rows in parts])
+        workers.run(darken_rows, [(target, rows, *parameters, *tables) for rows in bands])
 
     places: ClassVar = {"overlay": darken}
 

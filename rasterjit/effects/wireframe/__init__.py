@@ -21,7 +21,7 @@ from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.srgb_encoding import make_encoding_table
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.runtime.threads import Workers, fill_rows
+from rasterjit.runtime.threads import Workers, fill_rows, split_range
 from rasterjit.scene.color import decoding_table, opaque_codes
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.wireframe import Wireframe
@@ -85,13 +85,8 @@ def draw_edges(
     workers.run(
         wireframe_stage.find_pixels,
         [
-            (
-                (n, min(n + visibility_pass.VERTICES_PER_TASK, count)),
-                *vertices[:2],
-                geometry.viewport,
-                pixels,
-            )
-            for n in range(0, count, visibility_pass.VERTICES_PER_TASK)
+            (part, *vertices[:2], geometry.viewport, pixels)
+            for part in split_range(count, visibility_pass.VERTICES_PER_TASK)
         ],
     )
     target = color.view(np.uint32)[:, :, 0]

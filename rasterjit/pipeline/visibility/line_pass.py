@@ -17,7 +17,7 @@ from rasterjit.pipeline.visibility.primitive_expansion import (
     Primitives,
     Projected,
 )
-from rasterjit.runtime.threads import Workers, count_per_task
+from rasterjit.runtime.threads import Workers, count_per_task, split_range
 
 SEGMENTS_PER_TASK = 65536
 """Most segments that one task tessellates."""
@@ -51,7 +51,7 @@ def expand_lines(
     per_task = min(
         count_per_task(count, MIN_SEGMENTS_PER_TASK, workers, TASKS_PER_THREAD), SEGMENTS_PER_TASK
     )
-    tasks = [(n, min(n + per_task, count)) for n in range(0, count, per_task)]
+    tasks = split_range(count, per_task)
     # Project the segments to the screen.
     sizes = obj.sizes, primitives.pixels_per_size(obj), int(obj.is_world)
     right, down = (step * primitives.pixels for step in rule.depth_offset)

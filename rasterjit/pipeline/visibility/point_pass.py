@@ -42,7 +42,7 @@ from rasterjit.pipeline.visibility.primitive_expansion import (
     find_pixels_per_unit,
 )
 from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING, get_empty_depth
-from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.runtime.threads import Workers, split_into_bands
 
 MIN_POINTS_PER_THREAD = 1 << 16
 """Fewest points per thread: each thread draws a separate picture."""
@@ -185,14 +185,8 @@ def merge_into_frame(
     workers: Workers,
 ) -> None:
     """Merge pictures (N, H, W) into the frame: the nearest sample of each pixel wins."""
-    height, per_task = len(frame[1]), rows_per_task(frame[1].shape, workers)
-    workers.call(
-        merge_pictures,
-        [
-            ((row, min(row + per_task, height)), pictures, frame)
-            for row in range(0, height, per_task)
-        ],
-    )
+    bands = split_into_bands(frame[1].shape, workers)
+    workers.call(merge_pictures, [(rows, pictures, frame) for rows in bands])
 
 
 def is_drawn_as_points(obj: Primitive, keeps_lists: bool, alpha_tests: AlphaTests | None) -> bool:

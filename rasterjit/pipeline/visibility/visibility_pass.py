@@ -35,7 +35,7 @@ from rasterjit.pipeline.visibility.primitive_expansion import (
     Primitives,
     Projected,
 )
-from rasterjit.runtime.threads import FrameCache, Memory, Workers, count_per_task
+from rasterjit.runtime.threads import FrameCache, Memory, Workers, count_per_task, split_range
 
 FACES_PER_TASK = 65536
 """Most faces set up by one task: enough to hide the cost of a task, few enough to balance."""
@@ -187,9 +187,9 @@ def transform_to_clip(
     workers.call(
         projection.transform_positions,
         [
-            ((n, min(n + per_task, end)), *shared, projection.allocate_scratch(kind))
+            (part, *shared, projection.allocate_scratch(kind))
             for first, end in ([(0, count)] if runs is None else runs)
-            for n in range(first, end, per_task)
+            for part in split_range(end, per_task, first)
         ],
     )
     return clip_positions
@@ -292,14 +292,14 @@ def _fill_screen(
 
     calls = []
     for start, end in [(0, count)] if runs is None else runs:
-        for first in range(start, end, per_task):
+        for part in split_range(end, per_task, start):
             if not calls:
                 scratch = frame_cache.get_or_make(
                     "projecting", projection.allocate_scratch, precision
                 )
             else:
                 scratch = projection.allocate_scratch(precision)
-            calls.append(((first, min(first + per_task, end)), *arguments, screen, scratch))
+            calls.append((part, *arguments, screen, scratch))
     all_codes = 0
     for bits in workers.call(kernel, calls):
         all_codes |= bits
@@ -716,9 +716,9 @@ def set_up(
     face_count, piece_count = len(faces.faces), len(faces.pieces)
     per_task = _choose_per_task(face_count, MIN_FACES_PER_TASK, FACES_PER_TASK, workers)
     edges = [
-        (first, min(first + per_task, end))
+        part
         for start, end in expansion.find_gaps(skipped, face_count)
-        for first in range(start, end, per_task)
+        for part in split_range(end, per_task, start)
     ] or [(0, 0)]
     chunks = len(edges)
     piece_edges = [(0, 0)] * chunks
