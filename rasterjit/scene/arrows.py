@@ -265,7 +265,7 @@ def _build_vertices(
     for each side. Rims at one place are the same numbers, so that an arrow is closed. ``slope`` is
     the cone's radius by its length, the same for all.
     """
-    across = _compute_perpendiculars(units)
+    across = compute_perpendiculars(units)
     beside = np.cross(units, across)
     turns = [sine_cosine(360.0 * n / sides) for n in range(sides)]
     half_turns = [sine_cosine(360.0 * (n + 0.5) / sides) for n in range(sides)]
@@ -290,13 +290,9 @@ def _build_vertices(
     return vertices.reshape(-1, 3), normals.reshape(-1, 3)
 
 
-def _compute_perpendiculars(units: Float64) -> Float64:
+def compute_perpendiculars(units: Float64) -> Float64:
     """Return a unit vector perpendicular to each unit vector, (N, 3); zero for zero."""
-    rows = np.arange(len(units))
-    least = np.abs(units).argmin(axis=1)
-    axes = np.zeros(units.shape)
-    axes[rows, least] = 1.0
-    x, y, z = np.cross(units, axes).T
+    x, y, z = np.cross(units, np.eye(3)[np.abs(units).argmin(axis=1)]).T
     length = np.sqrt(x * x + y * y + z * z)
     return np.stack([x, y, z], axis=1) / np.where(length > 0.0, length, 1.0)[:, np.newaxis]
 

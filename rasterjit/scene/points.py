@@ -230,12 +230,6 @@ class Points(Mesh):
             self._bounds = self.vertices.min(axis=0), self.vertices.max(axis=0)
         return super().bounds()
 
-    def vertex_normals(self) -> NDArray[np.float32]:
-        """Return the given normals, (N, 3) float32; zero without."""
-        if self._vertex_normals is None:
-            self._vertex_normals = read_only(np.zeros((len(self), 3), np.float32))
-        return self._vertex_normals
-
     def split_creases(self, angle: float = 40.0) -> Points:
         """Return the points themselves, which have no edges."""
         return self

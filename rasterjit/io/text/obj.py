@@ -30,6 +30,7 @@ from rasterjit.io.text.number_parser import (
     parse_numbers,
     parse_rows,
 )
+from rasterjit.scene.lines import split_into_segments
 from rasterjit.scene.material import Material
 
 _REFERENCE_KINDS = ("v", "vt", "vn")
@@ -341,14 +342,10 @@ class _ObjFile:
         """Yield the lines of each material."""
         for name, numbers, counts in self._group_elements("l"):
             used, picked = np.unique(numbers, return_inverse=True)
-            has_next = np.ones(len(numbers), bool)
-            has_next[np.cumsum(counts) - 1] = False
-            starts = np.flatnonzero(has_next)
-            picked = picked.reshape(-1)
+            segments, _ = split_into_segments(picked.reshape(-1), counts)
             table = self._tables["v"][used]
             yield LineSet(
-                names.unique("lines"), table[:, :3],
-                np.column_stack([picked[starts], picked[starts + 1]]), _convert_colors(table),
+                names.unique("lines"), table[:, :3], segments, _convert_colors(table),
                 material=self._make_unlit(name),
             )  # fmt: skip
 

@@ -14,6 +14,7 @@ from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.load_warnings import LeftOut, reason_of
 from rasterjit.io.text.mesh_builder import MeshData, number_rows, srgb_to_rgba
 from rasterjit.io.threemf.package import Package, find_all, strip_prefix
+from rasterjit.scene.arrows import compute_perpendiculars
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.portable_trig import sin_cos
@@ -360,10 +361,7 @@ def make_beam_surfaces(
     length = compute_norms(along)
     axis = np.where(length[:, None] > 0.0, along, [0.0, 0.0, 1.0])
     axis /= compute_norms(axis)[:, None]
-    # Any direction that is not along the axis.
-    helper_axis = np.eye(3)[np.abs(axis).argmin(axis=1)]
-    across = np.cross(axis, helper_axis)
-    across /= compute_norms(across)[:, None]
+    across = compute_perpendiculars(axis)
     other = np.cross(axis, across)
     angles = 2.0 * np.pi * np.arange(sides) / sides
     sine, cosine = (one[None, :, None] for one in sin_cos(angles))
