@@ -256,6 +256,7 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         "Framebuffer.draw_line.start": lambda: (0, 0), "Framebuffer.draw_line.end": lambda: (4, 4),
         "Framebuffer.draw_lines.colors": lambda: [[1, 2, 3]],
         "Framebuffer.draw_bezier.points": lambda: [(0, 0), (3, 0), (3, 3), (0, 3)],
+        "ClassicPipeline.explain.vertex": lambda: (0.0, 0.0, -2.0),
         "Framebuffer.save.path": lambda: folder / "b.png",
         "Animation.name": lambda: "walk",
         "Joint.kind": lambda: "revolute", "Joint.transforms.values": lambda: [10.0, 20.0],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene import transforms
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.validation import finite_array, finite_number, image_size, positive_number
+
+ROUNDING = 1e-12
+"""Numbers below this share of the largest beside them are written as 0."""
 
 
 class Projection(NamedTuple):
@@ -31,6 +35,57 @@ class Projection(NamedTuple):
     pixels: NDArray[np.float64]
     depth: NDArray[np.float64]
     on_screen: NDArray[np.bool_]
+
+
+class PipelineStage(NamedTuple):
+    """A stage of the pipeline, for one vertex."""
+
+    name: str
+    """``"scale"`` ... ``"projection"``, ``"divide by w"``, ``"viewport"``."""
+    space: str
+    """The space that it leads to."""
+    matrix: NDArray[np.float64] | None
+    """(4, 4); None where w divides, which no matrix does."""
+    position: NDArray[np.float64]
+    """(4,) x, y, z and w after it."""
+
+
+class PipelineStages(tuple[PipelineStage, ...]):
+    """
+    What each stage of a pipeline makes of a vertex: as text, one line each.
+
+    A notebook shows it as formulas, which `latex` returns.
+    """
+
+    __slots__ = ()
+
+    def __str__(self) -> str:
+        columns = [
+            (one.name, _write_matrix(one.matrix), _write_row(one.position), one.space)
+            for one in self
+        ]
+        widths = [max(map(len, column)) for column in zip(*columns, strict=True)]
+        lines = (
+            "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True))
+            for row in columns
+        )
+        return "\n".join(line.rstrip() for line in lines)
+
+    def latex(self) -> str:
+        """Return a line of LaTeX a stage, in an ``aligned`` environment, without dollars."""
+        lines = []
+        for before, stage in pairwise(self):
+            inner = _write_latex(before.position[:, np.newaxis])
+            if stage.matrix is None:
+                product = rf"\frac{{1}}{{{before.position[3]:.4g}}} {inner}"
+            else:
+                product = f"{_write_latex(stage.matrix)} {inner}"
+            result = _write_latex(stage.position[:, np.newaxis])
+            lines.append(rf"\mathbf{{p}}_{{\text{{{stage.space}}}}} &= {product} = {result}")
+        return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
+
+    def _repr_latex_(self) -> str:
+        return f"$\\displaystyle {self.latex()}$"
 
 
 class ClassicPipeline(Guarded):
@@ -196,6 +251,56 @@ class ClassicPipeline(Guarded):
             self._clip_from_view, self._view_from_world, self.world_from_object
         )
 
+    def explain(self, vertex: ArrayLike) -> PipelineStages:
+        """
+        Return what each stage makes of one vertex; print it to see a line each.
+
+        Parameters
+        ----------
+        vertex : (3,) array_like, object space
+
+        Returns
+        -------
+        PipelineStages
+            Beginning with the vertex itself; the last position is that of `project`, with NDC z.
+
+        Raises
+        ------
+        ValueError
+            If it is not three finite numbers, no projection was set, or it is behind the camera,
+            where there is nothing to divide by (clip w <= 0).
+
+        Examples
+        --------
+        >>> pipeline = ClassicPipeline().world_pos((1, 2, -4)).perspective(90, 64, 32, 1, 10)
+        >>> print(pipeline.explain((0, 0, 0))[-1].position[:2])
+        [36.  8.]
+        """
+        if self._size is None:
+            raise ValueError("perspective or orthographic must be set before explain: no size")
+        position = np.append(finite_array("vertex", vertex, (3,)), 1.0)
+        stages = [PipelineStage("vertex", "object", None, position)]
+        for name, space, matrix in (
+            ("scale", "scaled", self._scale), ("rotate", "rotated", self._rotate),
+            ("translate", "world", self._translate), ("camera", "view", self._view_from_world),
+            ("projection", "clip", self._clip_from_view),
+        ):  # fmt: skip
+            position = transforms.transform_points(matrix, position[np.newaxis, :3])[0]
+            stages.append(PipelineStage(name, space, matrix.copy(), position))
+        if not position[3] > 0.0:
+            raise ValueError(
+                f"vertex must be in front of the camera, got {vertex!r}, whose clip w is "
+                f"{position[3]:g}"
+            )
+        position = position / position[3]
+        stages.append(PipelineStage("divide by w", "NDC", None, position))
+        half_width, half_height = self._size[0] / 2.0, self._size[1] / 2.0
+        viewport = np.eye(4)
+        viewport[0, [0, 3]], viewport[1, [1, 3]] = half_width, (-half_height, half_height)
+        position = np.append(self.project([vertex]).pixels[0], position[2:])
+        stages.append(PipelineStage("viewport", "pixels", viewport, position))
+        return PipelineStages(stages)
+
     def project(self, points: ArrayLike) -> Projection:
         """
         Take object-space points to pixel coordinates.
@@ -222,3 +327,25 @@ class ClassicPipeline(Guarded):
             inside = (pixels >= 0.0) & (pixels < (width, height))
             in_depth = (ndc[:, 2] >= -1.0) & (ndc[:, 2] <= 1.0)
         return Projection(pixels, ndc[:, 2].copy(), inside.all(axis=1) & in_depth)
+
+
+def _write_numbers(matrix: NDArray[np.float64]) -> list[list[str]]:
+    """Return the numbers of a matrix as texts; 0 for what is but rounding beside the largest."""
+    least = ROUNDING * float(np.abs(matrix).max())
+    return [[f"{0.0 if abs(one) < least else one:.4g}" for one in row] for row in matrix.tolist()]
+
+
+def _write_row(numbers: NDArray[np.float64]) -> str:
+    """Return numbers between parentheses."""
+    return f"({', '.join(_write_numbers(numbers[np.newaxis])[0])})"
+
+
+def _write_matrix(matrix: NDArray[np.float64] | None) -> str:
+    """Return the rows of a matrix in a line; nothing for None."""
+    return "" if matrix is None else f"[{'; '.join(map(' '.join, _write_numbers(matrix)))}]"
+
+
+def _write_latex(matrix: NDArray[np.float64]) -> str:
+    """Return a matrix in LaTeX."""
+    rows = map(" & ".join, _write_numbers(matrix))
+    return r"\begin{bmatrix} " + r" \\ ".join(rows) + r" \end{bmatrix}"

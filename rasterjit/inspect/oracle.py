@@ -44,16 +44,41 @@ from __future__ import annotations
 
 import math
 import operator
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from typing import TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 __all__ = [
-    "VIEW_VOLUME", "affine_weights", "clip_near", "clip_polygon", "clip_weights", "colormap_entry",
-    "composite", "covered_pixels", "covers", "depth_at", "edge", "guard_band", "interpolate",
-    "line_colors", "line_pixels", "perspective_weights", "pixel_area", "plane_distance",
-    "polygon_area", "render_faces", "round_half_up", "screen_position", "snap", "snap_triangle",
-    "view_planes", "visible_faces",
+    "VIEW_VOLUME",
+    "WrongPixel",
+    "affine_weights",
+    "clip_near",
+    "clip_polygon",
+    "clip_weights",
+    "colormap_entry",
+    "composite",
+    "covered_pixels",
+    "covers",
+    "depth_at",
+    "edge",
+    "explain_fill",
+    "explain_line",
+    "guard_band",
+    "interpolate",
+    "line_colors",
+    "line_pixels",
+    "perspective_weights",
+    "pixel_area",
+    "plane_distance",
+    "polygon_area",
+    "render_faces",
+    "round_half_up",
+    "screen_position",
+    "snap",
+    "snap_triangle",
+    "view_planes",
+    "visible_faces",
 ]  # fmt: skip
 
 Number: TypeAlias = int | Fraction | float
@@ -1027,6 +1052,173 @@ def _line_parameters(dx: int, dy: int, steps: Iterable[int] | None) -> Iterable[
         if not 0 <= _to_int("steps", step) <= count:
             raise ValueError(f"steps must be from 0 to {count}, got {step!r}")
         yield Fraction(step, count) if count else Fraction(0)
+
+
+# --- what is wrong with a line or a fill ----------------------------------------------------------
+
+
+class WrongPixel(NamedTuple):
+    """
+    A pixel that is not as the rules have it; as text, one line.
+
+    Parameters
+    ----------
+    pixel : (int, int)
+        Column and row.
+    fault : {"missing", "extra", "twice"}
+        What is wrong with it.
+    reason : str
+        The rule, with the numbers of this pixel.
+    """
+
+    pixel: Pixel
+    fault: Literal["missing", "extra", "twice"]
+    reason: str
+
+    def __str__(self) -> str:
+        words = {"missing": "is missing", "extra": "is too many", "twice": "is there twice"}
+        return f"{self.pixel} {words[self.fault]}: {self.reason}"
+
+
+def explain_line(
+    pixels: Iterable[Sequence[int]], start: Sequence[int], end: Sequence[int]
+) -> list[WrongPixel]:
+    r"""
+    Say which pixels of somebody's line are wrong, by the rules of `line_pixels`, and why.
+
+    Parameters
+    ----------
+    pixels : iterable of (int, int)
+        The line to judge: columns and rows, in any order.
+    start, end : (int, int)
+        Both ends, which belong to it.
+
+    Returns
+    -------
+    list of WrongPixel
+        By row and column; empty if all is right.
+
+    Raises
+    ------
+    ValueError
+        If a coordinate is not a whole number.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> print(*rj.oracle.explain_line([(0, 0), (1, 0), (2, 1)], (0, 0), (2, 1)), sep="\n")
+    (1, 0) is too many: in column 1 the line is at row 1/2, and a tie goes to the larger row, 1
+    (1, 1) is missing: in column 1 the line is at row 1/2, and a tie goes to the larger row, 1
+    """
+    ends = _to_int_pair("start", start), _to_int_pair("end", end)
+    return _compare_pixels(pixels, line_pixels(*ends), lambda one: _line_reason(one, *ends))
+
+
+def _line_reason(pixel: Pixel, start: Pixel, end: Pixel) -> str:
+    """Return the pixel of a line in the column or row of another, in words."""
+    along = int(abs(end[0] - start[0]) < abs(end[1] - start[1]))
+    across, words = 1 - along, ("column", "row")
+    low, high = sorted((start[along], end[along]))
+    if not low <= pixel[along] <= high:
+        return f"the line goes from {words[along]} {low} to {high}"
+    length = end[along] - start[along]
+    slope = Fraction(end[across] - start[across], length) if length else Fraction(0)
+    exact = start[across] + slope * (pixel[along] - start[along])
+    where = f"in {words[along]} {pixel[along]} the line is at {words[across]} {exact}"
+    nearest = round_half_up(exact)
+    if nearest - exact == Fraction(1, 2):
+        return f"{where}, and a tie goes to the larger {words[across]}, {nearest}"
+    return f"{where}, and the nearest {words[across]} is {nearest}"
+
+
+def explain_fill(
+    pixels: Iterable[Sequence[int]],
+    triangle: Points,
+    size: tuple[int, int],
+    *,
+    subpixel_bits: int = 8,
+) -> list[WrongPixel]:
+    """
+    Say which pixels of somebody's filled triangle are wrong, by the top-left rule, and why.
+
+    Parameters
+    ----------
+    pixels : iterable of (int, int)
+        The fill to judge: columns and rows, in any order.
+    triangle : three (x, y), screen, pixels, of either winding
+    size : (int, int)
+        Width and height of the image, pixels.
+    subpixel_bits : int
+        The grid that corners are snapped to has ``2**subpixel_bits`` steps to the pixel.
+
+    Returns
+    -------
+    list of WrongPixel
+        By row and column; empty if all is right. Corners are called a, b and c in their order.
+
+    Raises
+    ------
+    ValueError
+        If an argument has a wrong length or value, or a number is not finite.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> corners = (0, 0), (3, 0), (0, 3)
+    >>> mine = {(0, 0), (1, 0), (0, 1), (2, 0)}
+    >>> print(*rj.oracle.explain_fill(mine, corners, (4, 4)))
+    (2, 0) is too many: its centre lies on the edge from b to c, neither a top nor a left edge
+    """
+    sides = _to_int_pair("size", size, 1)
+    corners = _snap_points("triangle", triangle, subpixel_bits)
+    # The centre of a pixel is a whole number on a grid of half the step.
+    doubled = tuple((2 * x, 2 * y) for x, y in corners)
+    return _compare_pixels(
+        pixels,
+        covered_pixels(triangle, size, subpixel_bits=subpixel_bits),
+        lambda one: _fill_reason(one, doubled, sides, 2 << subpixel_bits),
+    )
+
+
+def _fill_reason(pixel: Pixel, corners, size: Pixel, step: int) -> str:
+    """Return where the centre of a pixel lies beside the edges of a triangle, in words."""
+    if not all(0 <= place < side for place, side in zip(pixel, size, strict=True)):
+        return f"the picture has {size[0]} × {size[1]} pixels"
+    area = _edge_value(*corners)
+    if area == 0:
+        return "the triangle has no area, and covers nothing"
+    centre = tuple(place * step + step // 2 for place in pixel)
+    turn, outside, on_edges = (1 if area > 0 else -1), [], []
+    for n, name in enumerate(("a to b", "b to c", "c to a")):
+        start, end = corners[n], corners[(n + 1) % 3]
+        value = turn * _edge_value(start, end, centre)
+        across, down = turn * (end[0] - start[0]), turn * (end[1] - start[1])
+        if value < 0:
+            distance = -value / math.hypot(across, down) / step
+            outside.append(f"the edge from {name}, by {distance:.3g} pixels")
+        elif value == 0:
+            is_top, is_left = down == 0 and across > 0, down < 0
+            kind = "a top edge" if is_top else "a left edge" if is_left else ""
+            on_edges.append((name, kind or "neither a top nor a left edge"))
+    if outside:
+        return f"its centre lies outside {' and '.join(outside)}"
+    if on_edges:
+        return "its centre lies on " + " and on ".join(
+            f"the edge from {name}, {kind}" for name, kind in on_edges
+        )
+    return "its centre lies inside all three edges"
+
+
+def _compare_pixels(pixels, wanted, reason) -> list[WrongPixel]:
+    """Return the pixels that are wrong, by row and column, each with its reason."""
+    counts = Counter(
+        _to_int_pair(f"pixels[{n}]", pixel) for n, pixel in enumerate(_to_rows("pixels", pixels))
+    )
+    faults = {pixel: "twice" for pixel, count in counts.items() if count > 1}
+    faults |= dict.fromkeys(counts.keys() - set(wanted), "extra")
+    faults |= dict.fromkeys(set(wanted) - counts.keys(), "missing")
+    places = sorted(faults, key=lambda pixel: (pixel[1], pixel[0]))
+    return [WrongPixel(place, faults[place], reason(place)) for place in places]
 
 
 # --- transparency ---------------------------------------------------------------------------------

