@@ -26,6 +26,7 @@ LEVEL_NAMES = {
     "shadow_taps": "{} shadow comparisons",
     "transparency_layers": "{} transparent layers",
     "blending": "blending in {}",
+    "texture_mixing": "textures mixed in {}",
     "lines": "{} lines",
     "interpolation_precision": "{} interpolation of colours",
 }

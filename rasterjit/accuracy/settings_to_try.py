@@ -12,7 +12,7 @@ from rasterjit.rendering.planning import RenderPlan
 from rasterjit.scene.camera import OrthographicCamera
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, Quality, differences
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.facts import explain_float64, explain_unlit
+from rasterjit.survey.facts import explain_float64, explain_light_textures, explain_unlit
 
 TRIED_PRESETS = ("draft", "high")
 """Presets to try besides the standard and the reference, which are always drawn."""
@@ -213,11 +213,19 @@ def _explain_blending(plan: RenderPlan) -> str | None:
     return f"{transparency.reason}, and the standard has one sample a pixel"
 
 
+def _explain_texture_mixing(plan: RenderPlan) -> str | None:
+    """Return why no texture is mixed in codes with any setting; None if one may be."""
+    if not plan.facts.shades:
+        return _find_effect_reason(plan, "texture_mixing")
+    return explain_light_textures(plan.facts)
+
+
 IDLE_REASONS: dict[str, Callable[[RenderPlan], str | None]] = {
     "interpolation": _explain_interpolation,
     "shading": _explain_shading,
     "renormalize": _explain_renormalize,
     "blending": _explain_blending,
+    "texture_mixing": _explain_texture_mixing,
     "interpolation_precision": _explain_float32,
 }
 """Functions that return why a setting changes nothing in a frame; for others, effects say it."""

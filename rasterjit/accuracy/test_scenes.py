@@ -233,11 +233,27 @@ def make_gradients() -> MadeScene:
     return MadeScene(scene, PerspectiveCamera((0.2, 2.1, 3.6), (0.0, 0.0, 0.0)))
 
 
+def make_poster() -> MadeScene:
+    """Return an unlit picture of strong colours, whose texels are larger than pixels."""
+    rows, columns = np.mgrid[0:24, 0:32]
+    texels = np.full((24, 32, 3), (250, 240, 40), np.uint8)
+    texels[(rows // 3 + columns // 3) % 2 == 0] = (20, 60, 200)
+    texels[(rows - 12) ** 2 + (columns - 16) ** 2 < 50] = (210, 20, 30)
+    vertices = np.array([[-2.0, -1.5, 0.0], [2.0, -1.5, 0.0], [2.0, 1.5, -1.0], [-2.0, 1.5, -1.0]])
+    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    texture = Texture(texels, filter="bilinear")
+    material = Material(shading="unlit", base_color_texture=texture)
+    scene = Scene()
+    scene.add(Mesh(vertices, [[0, 1, 2], [0, 2, 3]], uv=uv, material=material), name="poster")
+    return MadeScene(scene, PerspectiveCamera((0.3, 0.2, 2.6), (0.0, 0.0, -0.5)))
+
+
 SCENES: dict[str, Callable[[], MadeScene]] = {
     function.__name__.removeprefix("make_").replace("_", "-"): function
     for function in (
         make_floor, make_wires, make_slivers, make_near_and_far, make_far_from_origin,
         make_coplanar, make_highlights, make_shadows, make_glass, make_wireframe, make_gradients,
+        make_poster,
     )
 }  # fmt: skip
 """Functions that make the scenes, by their names on the command line."""
@@ -255,6 +271,7 @@ MADE_FOR = {
     "shadow_taps": "shadows",
     "transparency_layers": "glass",
     "blending": "glass",
+    "texture_mixing": "poster",
     "lines": "wireframe",
     "interpolation_precision": "gradients",
 }

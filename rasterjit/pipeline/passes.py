@@ -157,6 +157,10 @@ class ShadingNeeds(NamedTuple):
     some_in_float32: bool = False
     """Whether vertex colours are interpolated in float32 where an object allows it."""
     all_in_float32: bool = False
+    some_coded: bool = False
+    """Whether any texture is read as codes."""
+    all_coded: bool = False
+    """Whether all objects in view show codes of textures, of which no light is written."""
     fields: bool = False
     """Whether colours are looked up for scalars."""
     contours: bool = False
@@ -197,6 +201,11 @@ class ShadingNeeds(NamedTuple):
         """Whether only texture coordinates need weights, for samples on their faces."""
         needs_weights = self.is_lit or self.vertex_colors or self.fields or self.mipmapped
         return self.textures and self.on_faces and not needs_weights
+
+    @property
+    def shows_codes_only(self) -> bool:
+        """Whether codes of textures are all that is shown, of samples on their faces."""
+        return self.all_coded and self.reads_uv_only and not (self.maps or self.alphas)
 
     def has(self, kind: int) -> bool:
         """Tell whether maps of a kind are read."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rasterjit.runtime.state_block import float32, float64, int8, int32, int64, uint8
+from rasterjit.runtime.state_block import float32, float64, int8, int32, int64, uint8, uint32
 
 
 class Viewport(NamedTuple):
@@ -155,6 +155,20 @@ class Textures(NamedTuple):
     transforms: float64[:, :, ::1]
     """(O, K, 6) float64, ``u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5`` | (0, K, 6):
     identities."""
+
+
+class CodedTextures(NamedTuple):
+    """The base colours' textures of objects that show nothing else, as 8-bit sRGB codes."""
+
+    texels: uint32[::1]
+    """(N,) uint32, red in the lowest byte: row by row from the top."""
+    table: int64[:, ::1]
+    """
+    (O, 7) int64: first texel, or -1 for an object whose textures are read as light; width; height;
+    wrap in u, in v; filter; code of the base colour.
+    """
+    transforms: float64[:, ::1]
+    """(O, 6) float64, as a row of ``Textures.transforms``."""
 
 
 class AlphaTests(NamedTuple):
@@ -303,6 +317,8 @@ class Surface(NamedTuple):
     """Scalars of vertices | None -> none."""
     points: Any = None
     """The points in view, and the camera's rays: `PicturePoints.read` | None -> none."""
+    coded: CodedTextures | None = None
+    """Textures that are read as codes | None -> none."""
     in_float32: Any = None
     """(O,) uint8: 1 where vertex colours are interpolated in float32 | None -> nowhere."""
     transmission: TransmissionRows | None = None

@@ -195,6 +195,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         microfacets=tables.microfacets if facts.needs_microfacets else None,
         fields=tables.fields if facts.needs_fields else None,
         transmission=tables.transmission if facts.transmits else None,
+        coded=tables.coded_textures if facts.reads_codes else None,
         in_float32=facts.float32_objects,
         layers=layers_in_view(tables.layers, facts) if facts.needs_layers else None,
     )

@@ -43,10 +43,18 @@ DIFFUSE = rows.OUT_RED
 
 def shading_passes(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> tuple[list[Pass], int]:
     """Return the passes from listed samples to their colours, and the first row of these."""
+    if shows_codes_only(needs, effects):
+        return [], rows.RED
     passes = surface_passes(needs, effects)
     if not needs.is_lit:
         return passes + seen_passes(effects, rows.RED), rows.RED
     return passes + light_passes(needs, effects), rows.OUT_RED
+
+
+def shows_codes_only(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> bool:
+    """Tell whether codes of textures are written as they are, with no light in between."""
+    acting = (select_acting(effects, place) for place in ("seen", "sample", "pixel"))
+    return needs.shows_codes_only and not any(acting)
 
 
 def list_passes(
@@ -111,6 +119,8 @@ def surface_passes(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> list
         own = texture_filters.BASE_COLOR
         decoding = decoding_passes() if needs.pyrender is not None else ()
         passes += [read_pass(own), *decoding, multiply_pass(needs)]
+        if needs.some_coded:
+            passes.append(decoding_pass(needs))
     if needs.alphas:
         passes.append(alpha_pass(has_base_texture))
         if needs.fields:
@@ -290,6 +300,18 @@ def decoding_passes() -> list[Pass]:
     from rasterjit.pipeline.lighting import pyrender
 
     return [fixed(pyrender.decode_textures)]
+
+
+def decoding_pass(needs: ShadingNeeds) -> Pass:
+    """Return the pass that shows textures that are read as codes."""
+    from rasterjit.pipeline.surface.texture_codes import decode_texture_codes
+
+    def coded(a: ShadingArrays) -> tuple[Any, ...]:
+        surface = a.surface
+        curve = surface.textures.curves[texture_filters.SRGB]
+        return surface.textures.uv, a.geometry, surface.coded, int(needs.on_faces), curve
+
+    return Pass(decode_texture_codes, coded)
 
 
 def multiply_pass(needs: ShadingNeeds) -> Pass:
@@ -679,7 +701,14 @@ def output_passes(
     color: NDArray[Any],
 ) -> list[Pass]:
     """Return the passes that write the colours, which begin at row ``shown``, of a band of rows."""
-    passes = []
+    passes: list[Pass] = []
+    if shows_codes_only(needs, effects):
+        from rasterjit.pipeline.surface.texture_codes import write_texture_codes
+
+        def coded(a: ShadingArrays) -> tuple[Any, ...]:
+            return a.surface.textures.uv, a.geometry, a.surface.coded, color
+
+        return [Pass(write_texture_codes, coded)]
     if linear.shape[1]:
         passes.append(fixed(lights.write_linear, shown, int(needs.alphas), linear))
     if color.shape[1]:

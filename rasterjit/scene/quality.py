@@ -22,6 +22,7 @@ TextureFilter: TypeAlias = Literal[
 ShadowTaps: TypeAlias = Literal[1, 9]
 TransparencyLayers: TypeAlias = Literal[1, 2, 4, 8, "all"]
 Blending: TypeAlias = Literal["srgb8", "linear"]
+TextureMixing: TypeAlias = Literal["srgb8", "linear"]
 Lines: TypeAlias = Literal["bresenham", "coverage"]
 InterpolationPrecision: TypeAlias = Literal["adaptive", "float64"]
 
@@ -38,6 +39,7 @@ LEVELS: dict[str, tuple[Any, ...]] = {
     "shadow_taps": get_args(ShadowTaps),
     "transparency_layers": get_args(TransparencyLayers),
     "blending": get_args(Blending),
+    "texture_mixing": get_args(TextureMixing),
     "lines": get_args(Lines),
     "interpolation_precision": get_args(InterpolationPrecision),
 }
@@ -115,6 +117,12 @@ class Quality:
         to 8 bits by itself, alpha as well, and so is what comes of laying one over another; the
         output ``"linear"`` is then what the codes stand for. Where a frame mixes nothing it has
         the same bits either way.
+    texture_mixing : {"srgb8", "linear"}
+        What textures of unlit opaque objects are mixed in, where these have no colours of
+        vertices, faces or scalars: 8-bit sRGB codes, as old programs do it, or light. With codes
+        texture coordinates are float32, texels are mixed with weights of 8 bits, and the base
+        colour multiplies codes; light above 1 is cut off. Textures with mip levels, and all other
+        objects, take light always.
     lines : {"bresenham", "coverage"}
         Edges of a wireframe: one pixel after the other, between the pixels that hold the vertices;
         or by the area of each pixel that is covered by a line one pixel wide between the vertices
@@ -149,6 +157,7 @@ class Quality:
     shadow_taps: ShadowTaps | None = None
     transparency_layers: TransparencyLayers = "all"
     blending: Blending = "linear"
+    texture_mixing: TextureMixing = "linear"
     lines: Lines = "bresenham"
     interpolation_precision: InterpolationPrecision = "adaptive"
     visible_alpha: float = 0.0
@@ -176,7 +185,7 @@ class Quality:
         """Return the fastest settings, for drafts."""
         return cls(
             shading="vertex", texture_filter="nearest", shadow_size=512, shadow_taps=1,
-            transparency_layers=2,
+            transparency_layers=2, texture_mixing="srgb8",
         )  # fmt: skip
 
     @classmethod

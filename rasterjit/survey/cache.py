@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.records import (
     AlphaTests,
+    CodedTextures,
     Layers,
     Maps,
     Microfacets,
@@ -247,6 +248,11 @@ class MaterialTables:
     def textures(self) -> Textures:
         """The textures of all objects and their texture coordinates."""
         return join_textures(self.meshes)
+
+    @cached_property
+    def coded_textures(self) -> CodedTextures:
+        """The textures that may be read as codes."""
+        return packed_scene.join_coded_textures(self.meshes, self.inventory.is_coded)
 
     def alpha_tests(self, has_textures: bool) -> AlphaTests:
         """Return the inputs of the alpha test, with textures or without."""

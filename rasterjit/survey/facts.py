@@ -195,6 +195,11 @@ class Facts:
         return (np.ones_like(is_bare) if all_eligible else is_bare).astype(np.uint8)
 
     @cached_property
+    def reads_codes(self) -> bool:
+        """Whether the texture of any object in view is read as codes."""
+        return self.shades and self.quality.texture_mixing == "srgb8" and self.visible.coded > 0
+
+    @cached_property
     def tone_map(self) -> ToneMap | None:
         """The tone map; None if neutral, or if no 8-bit colours are made."""
         tone_map = self.fields["tone_map"]
@@ -481,6 +486,18 @@ def explain_float64(facts: Facts) -> str | None:
         (visible.vertex_colored == 0, "no mesh in view has colours of its vertices"),
     )
     return next((reason for holds, reason in reasons if holds), UNKNOWN_REASON)
+
+
+def explain_light_textures(facts: Facts) -> str | None:
+    """Say why no texture in view may be read as codes; None where one may."""
+    visible = facts.visible
+    reasons = (
+        (visible.coded > 0, None),
+        (visible.textured["base_color_texture"] == 0, "no material in view has a texture"),
+        (visible.unlit == 0, "every object is lit"),
+        (True, "every texture has mip levels, or is on an object that is lit, blended or coloured"),
+    )
+    return next(reason for holds, reason in reasons if holds)
 
 
 def explain_other_float64(facts: Facts) -> str | None:

@@ -102,6 +102,8 @@ class ObjectCounts(NamedTuple):
     """Posed by a skin."""
     mipped: int
     """With a mipmapped texture."""
+    coded: int
+    """Unlit and opaque, and showing a texture without mip levels over no other colours."""
     textured: dict[str, int]
     """With a texture that is read, by field of the material, in the order of ``TEXTURE_FIELDS``."""
 
@@ -198,6 +200,11 @@ class Inventory:
         has_more = self._has("blended") | self._has("with_field")
         has_more |= np.array(textured, np.bool_)[self._numbers]
         return self._has("unlit") & self._has("vertex_colored") & ~has_more
+
+    @cached_property
+    def is_coded(self) -> NDArray[np.bool_]:
+        """Whether each object's texture may be read as codes, (O,)."""
+        return self._has("coded")
 
     @cached_property
     def is_see_through(self) -> NDArray[np.bool_]:
@@ -321,7 +328,20 @@ def _count_mesh(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
         rough_glass=is_transmissive(mesh) and material.roughness > 0.0 and material.ior != 1.0,
         skinned=mesh._is_in_world,
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
+        coded=_shows_texture_only(mesh),
         textured={name: name in read for name in TEXTURE_FIELDS},
+    )
+
+
+def _shows_texture_only(mesh: Mesh) -> bool:
+    """Tell whether a textured mesh is unlit and opaque, with no mip levels and no other colours."""
+    material, texture = mesh.material, mesh.material.base_color_texture
+    is_plain = material.shading == "unlit" and material.alpha_mode != "blend"
+    return (
+        is_plain
+        and not has_own_colors(mesh)
+        and texture is not None
+        and texture.filter != "trilinear"
     )
 
 
@@ -339,12 +359,14 @@ def list_textures(material: Material) -> dict[str, Texture]:
     return {name: texture for name, texture in textures if texture is not None}
 
 
+def has_own_colors(mesh: Mesh) -> bool:
+    """Tell whether a mesh has colours of vertices or faces, or scalars."""
+    return not (mesh.vertex_colors is None and mesh.face_colors is None and mesh.field is None)
+
+
 def find_base_color(mesh: Mesh) -> tuple[float, float, float, float]:
     """Return the base colour factor of a mesh, linear RGBA."""
-    has_colors = not (
-        mesh.vertex_colors is None and mesh.face_colors is None and mesh.field is None
-    )
-    return mesh.material.base_color_over(has_colors)
+    return mesh.material.base_color_over(has_own_colors(mesh))
 
 
 def list_uv_sets(textures: dict[str, Texture]) -> list[int]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rasterjit.pipeline import records
 from rasterjit.pipeline.records import (
     AlphaTests,
+    CodedTextures,
     IsoLines,
     Layers,
     Maps,
@@ -24,7 +25,10 @@ from rasterjit.pipeline.records import (
     TransmissionRows,
     VertexScalars,
 )
+from rasterjit.pipeline.srgb_encoding import encode_color, encode_rows, make_encoding_table
 from rasterjit.pipeline.surface import texture_filters as texturing
+from rasterjit.pipeline.surface.texture_codes import TABLE_COLUMNS as CODED_COLUMNS
+from rasterjit.pipeline.surface.texture_codes import WHITE
 from rasterjit.pipeline.visibility.primitive_expansion import LineRule, PointRule, Primitive
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lines import Lines
@@ -553,6 +557,37 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
         join_uv(meshes, texturing.BASE_COLOR),
         transforms,
     )
+
+
+def join_coded_textures(meshes: Sequence[Mesh], is_coded: NDArray[np.bool_]) -> CodedTextures:
+    """Join the textures that are read as codes, each image once; ``is_coded``: of objects, (O,)."""
+    firsts: dict[Pyramid, int] = {}
+    images, first = [np.empty(0, np.uint32)], 0
+    table = np.full((len(meshes), CODED_COLUMNS), -1, np.int64)
+    transforms = np.tile(np.array(IDENTITY_TRANSFORM), (len(meshes), 1))
+    for number in np.flatnonzero(is_coded).tolist():
+        texture = meshes[number].material.base_color_texture
+        assert texture is not None
+        pyramid = texture.pyramid
+        if pyramid not in firsts:
+            firsts[pyramid] = first
+            images.append(_encode_picture(pyramid.image))
+            first += len(images[-1])
+        wraps = (WRAP_CODES[wrap] for wrap in texture.wrap)
+        factor = encode_color(np.array(find_base_color(meshes[number]), np.float32))
+        table[number] = (
+            firsts[pyramid], *pyramid.size, *wraps, FILTER_CODES[texture.filter],
+            factor & WHITE,
+        )  # fmt: skip
+        transforms[number] = _pack_uv_transform(texture)
+    return CodedTextures(np.concatenate(images), table, transforms)
+
+
+def _encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """Return a picture of linear light, (H, W, 4), as sRGB codes, (H * W,)."""
+    codes = np.empty(linear.shape[:2], np.uint32)
+    encode_rows(linear, make_encoding_table(), codes)
+    return codes.ravel()
 
 
 @cache

@@ -31,6 +31,10 @@ def derive_shading_needs(
         face_colors=contents.face_colored > 0,
         some_in_float32=in_float32 is not None,
         all_in_float32=in_float32 is not None and bool(in_float32.all()),
+        some_coded=facts.reads_codes,
+        all_coded=facts.reads_codes
+        and seen.coded == seen.objects
+        and "linear" not in facts.outputs,
         fields=facts.needs_fields,
         contours=contents.contoured > 0,
         textures=facts.needs_textures,

@@ -122,6 +122,7 @@ def test_a_made_scene_needs_the_settings_that_it_was_made_for(name):
         ("shadow_taps", one(), "no light casts them"),
         ("transparency_layers", one(), "no material is blended"),
         ("blending", one(), "no material is blended, and the standard has one sample"),
+        ("texture_mixing", one(), "no material in view has a texture"),
         ("lines", one(), "wireframe is None"),
         ("shading", one("flat"), "no material in view is gouraud or phong"),
         ("shading", one("unlit"), "every material in view is unlit"),

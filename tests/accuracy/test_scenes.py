@@ -14,7 +14,7 @@ def test_every_setting_has_a_scene_that_was_made_for_it():
 
 
 def test_an_unknown_scene_is_named_and_the_known_are_listed():
-    with pytest.raises(ValueError, match=r"'floor', 'wires'.*'gradients'; got 'roof'"):
+    with pytest.raises(ValueError, match=r"'floor', 'wires'.*'poster'; got 'roof'"):
         make("roof")
 
 

@@ -1,148 +1,83 @@
-"""Pictures kept as codes of 8 bits show the bits that the same light shows as floats."""
+"""Textures that are mixed in 8-bit codes, against exact coordinates and mixes."""
 
 from __future__ import annotations
 
-import copy
-import pickle
+from fractions import Fraction
+from itertools import product
 
+import naive_textures as naive
 import numpy as np
 import pytest
-from naive_textures import NOISE, draw, square
+from naive_textures import SIZE, TRIANGLES
 
 import rasterjit as rj
-from rasterjit.scene import texture as textures
-from rasterjit.scene.texture import COLOR_SPACES, FILTERS, MAX_FLOAT_TEXELS, WRAPS
-from rasterjit.survey.packed_scene import join_textures
+from rasterjit.inspect import oracle
 
-SHAPES = [(64, 64, 3), (37, 20, 4), (33, 64, 1), (16, 17), (16, 16, 2), (1, 1, 3), (1, 9, 4)]
-CAMERA = rj.PerspectiveCamera((0, 0, 2), (0, 0, 0), fov_y=55)
-CORNERS = np.float64([[-2, -1.2, -3], [2, -1.2, -3], [2, 1.2, 0.9], [-2, 1.2, 0.9]])
-CENTRED = 0.5 * CORNERS[:, :2]
-"""Texture coordinates: pixels are smaller than texels on one side, and larger on the other."""
+IN_CODES = rj.Quality(texture_mixing="srgb8")
+OUTPUTS = "color", "face_id"
+CODES = np.random.default_rng(3).integers(0, 256, (13, 10, 3), np.uint8)
+CHANNELS = [CODES[:, :, channel].tolist() for channel in range(3)]
+UV = np.array([(-0.25, 0.5), (1.5, 0.125), (0.75, 1.25)])
 
-
-@pytest.fixture
-def _codes_of_all(monkeypatch):
-    """Keep codes of pictures of any size."""
-    monkeypatch.setattr(textures, "MAX_FLOAT_TEXELS", 0)
+PLACE_ERROR = 1e-4
+"""Texels: float32 weights and coordinates some periods from 0."""
+MIX_ERROR = 0.5 + 0.5 + 2 * 255 * (0.5 / 256 + PLACE_ERROR)
+"""Codes: two roundings, and weights of 8 bits, across and up."""
 
 
-as_codes = pytest.mark.usefixtures("_codes_of_all")
+@pytest.mark.parametrize("name", TRIANGLES)
+@pytest.mark.parametrize("wraps", [("repeat", "mirror"), ("clamp", "repeat"), ("mirror", "clamp")])
+@pytest.mark.parametrize("kind", ["nearest", "bilinear"])
+def test_codes_are_those_of_the_exact_place(name, wraps, kind):
+    points, ws, repeats = TRIANGLES[name]
+    texture, uvs = rj.Texture(CODES, filter=kind, wrap=wraps), (UV * repeats).tolist()
+    frame = naive.draw_triangle(points, ws, uvs, texture, OUTPUTS, quality=IN_CODES)
+    triangle = [tuple(Fraction(n, 256) for n in p) for p in oracle.snap_triangle(points)]
+    exact_ws, exact_uv = [Fraction(w) for w in ws], [tuple(map(Fraction, p)) for p in uvs]
+    planes, reach = naive.planes_of(triangle, exact_ws, exact_uv), Fraction(PLACE_ERROR) / 13
+    pixels = np.argwhere(frame.face_id >= 0)
+    assert len(pixels) > 50
+    for y, x in pixels.tolist():
+        center = Fraction(2 * x + 1, 2), Fraction(2 * y + 1, 2)
+        u, v = naive.coordinates_at(center, planes)
+        shown = frame.color[y, x, :3].tolist()
+        if kind == "bilinear":
+            wanted = [naive.bilinear(channel, u, v, wraps) for channel in CHANNELS]
+            assert max(abs(a - b) for a, b in zip(shown, wanted, strict=True)) <= MIX_ERROR
+        else:
+            around = product((u - reach, u, u + reach), (v - reach, v, v + reach))
+            assert shown in [
+                [naive.nearest(channel, *place, wraps) for channel in CHANNELS] for place in around
+            ]
 
 
-def pictures(shape, color_space="srgb", **options):
-    """Return a texture of random codes, and one of the light that they stand for."""
-    codes = np.random.default_rng(len(shape)).integers(0, 256, shape, np.uint8)
-    texture = rj.Texture(codes, color_space=color_space, **options)
-    assert texture.pyramid.codes is not None
-    return texture, rj.Texture(texture.image, **options)
-
-
-def shown(*meshes):
-    """Return the linear light of a tilted plane, and of others beside it."""
+@pytest.mark.parametrize("kind", ["nearest", "bilinear"])
+def test_light_and_codes_are_the_same_picture_in_any_company(kind):
+    texture = rj.Texture(CODES, filter=kind).with_transform((0.3, -1.25), 30.0, (2.0, 0.5))
+    poster = naive.square(texture, naive.box((-3, 0), (5, 2)))
+    poster.material = rj.Material("unlit", (0.25, 1.0, 0.5), base_color_texture=texture)
+    camera = rj.PerspectiveCamera((0.4, 0.3, 2.0), (0.0, 0.0, 0.0), fov_y=60.0)
+    lone = rj.render(poster, camera, size=SIZE, quality=IN_CODES).color
     scene = rj.Scene()
-    for n, mesh in enumerate(meshes):
-        scene.add(mesh, rj.transforms.translate((0.0, 0.5 * n, -0.1 * n)))
-    return rj.render(scene, CAMERA, size=(97, 61), outputs="linear", threads=1).linear
+    scene.add(poster)
+    scene.add(naive.square(texture, naive.box((0, 0), (1, 1))), rj.transforms.translate((1, 1, -1)))
+    scene.nodes[1].mesh.material = rj.Material("phong", "red")
+    scene.fog = rj.Fog("gray", density=0.0)
+    outputs = "color", "linear", "object_id"
+    beside = rj.render(scene, camera, size=SIZE, quality=IN_CODES, outputs=outputs)
+    own = beside.object_id == 0
+    assert own.sum() > 400
+    assert (beside.object_id == 1).any()
+    assert (beside.color[own] == lone[own]).all()
+    assert (rj.render(poster, camera, size=SIZE).color != lone)[own].any()
 
 
-def plane(texture, zoom, **options):
-    """Return the plane under a texture."""
-    material = rj.Material("unlit", base_color_texture=texture, **options)
-    return rj.Mesh(CORNERS, [[0, 1, 2], [0, 2, 3]], uv=zoom * CENTRED, material=material)
-
-
-@as_codes
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
-@pytest.mark.parametrize("color_space", COLOR_SPACES)
-@pytest.mark.parametrize("filter", FILTERS)
-def test_codes_show_the_bits_of_their_light(shape, color_space, filter):
-    for wrap in WRAPS:
-        coded, light = pictures(shape, color_space, filter=filter, wrap=wrap)
-        for zoom in (0.1, 1.0, 3.0, 40.0):
-            assert (shown(plane(coded, zoom)) == shown(plane(light, zoom))).all()
-
-
-@as_codes
-@pytest.mark.parametrize("limit", [4, 16])
-def test_taps_of_codes_show_the_bits_of_their_light(limit):
-    coded, light = (
-        texture.with_transform((0.25, 0.5), 20.0, (1.5, 0.25))
-        for texture in pictures((64, 32, 3), anisotropy=limit)
-    )
-    for zoom in (1.0, 8.0):
-        assert (shown(plane(coded, zoom)) == shown(plane(light, zoom))).all()
-
-
-@as_codes
-def test_codes_and_floats_are_read_in_one_scene():
-    two = [pictures((48, 20, 4), wrap="mirror"), pictures((31, 64, 1), filter="bilinear")]
-    floats = rj.Texture(NOISE)
-    scenes = [
-        [
-            plane(texture, zoom)
-            for texture, zoom in zip([one, floats, other], (2, 1, 4), strict=True)
-        ]
-        for one, other in zip(*two, strict=True)
-    ]
-    assert (shown(*scenes[0]) == shown(*scenes[1])).all()
-    record = join_textures(scenes[0])
-    assert record.codes.size == 48 * 20 * 4 + 31 * 64
-
-
-@as_codes
-@pytest.mark.parametrize("alpha", [{"alpha_mode": "blend"}, {"alpha_cutoff": 0.5}], ids=str)
-def test_codes_with_alpha_show_the_bits_of_their_light(alpha):
-    coded, light = pictures((37, 20, 4))
-    for zoom in (0.3, 4.0):
-        assert (shown(plane(coded, zoom, **alpha)) == shown(plane(light, zoom, **alpha))).all()
-
-
-@as_codes
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_codes_have_the_levels_and_alphas_of_their_light(shape):
-    coded, light = pictures(shape)
-    assert len(coded.levels) == len(light.levels)
-    for one, other in zip(coded.levels, light.levels, strict=True):
-        assert (one == other).all()
-        assert not one.flags.writeable
-    assert coded.lowest_alpha == light.lowest_alpha
-    for cutoff in (0.0, 0.3, 1.0):
-        found = coded.pyramid.min_alpha_above(cutoff)
-        assert found == light.pyramid.min_alpha_above(cutoff)
-
-
-def test_large_pictures_are_kept_as_codes_and_small_ones_as_floats():
-    side = int(MAX_FLOAT_TEXELS**0.5)
-    codes = np.zeros((side, side + 1, 3), np.uint8)
-    assert rj.Texture(codes[:, :side]).pyramid.codes is None
-    for channels, kept in ((4, 3), (3, 3), (2, 1), (1, 1)):
-        # An alpha that is opaque everywhere is not kept.
-        opaque = np.full((side, side + 1, channels), 255, np.uint8)
-        texture = rj.Texture(opaque)
-        assert texture.pyramid.codes.shape == (side, side + 1, kept)
-        assert texture.is_opaque
-    mesh = square(rj.Texture(codes), [[0, 0], [1, 0], [1, 1], [0, 1]])
-    record = join_textures([mesh])
-    assert record.codes.nbytes == codes.nbytes
-    assert 0.3 * codes.size / 3 < len(record.texels) < 0.34 * codes.size / 3
-
-
-@as_codes
-@pytest.mark.parametrize(
-    "make", [copy.copy, copy.deepcopy, lambda t: pickle.loads(pickle.dumps(t))]
-)
-def test_copies_keep_codes(make):
-    coded, _ = pictures((16, 16, 3), "linear")
-    other = make(coded)
-    assert (other.pyramid.codes == coded.pyramid.codes).all()
-    assert not other.pyramid.codes.flags.writeable
-    assert (other.image == coded.image).all()
-
-
-@as_codes
-def test_a_texture_owns_its_codes():
-    codes = np.full((2, 3, 3), 255, np.uint8)
-    texture = rj.Texture(codes, filter="nearest")
-    codes[:] = 0
-    assert (draw(square(texture, [[0, 0], [1, 0], [1, 1], [0, 1]]), (4, 4))[..., 0] == 1.0).all()
+def test_a_base_colour_multiplies_codes():
+    white = rj.Texture(np.full((2, 2, 3), (255, 128, 3), np.uint8), filter="nearest")
+    mesh = naive.square(white, naive.box((0, 0), (1, 1)))
+    for factor in range(0, 256, 15):
+        code = np.full((1, 1, 3), factor, np.uint8)
+        light = rj.Texture(code, filter="nearest").image[0, 0, :3]
+        mesh.material = rj.Material("unlit", tuple(light), base_color_texture=white)
+        shown = rj.render(mesh, naive.FRONT, size=(4, 4), quality=IN_CODES).color[2, 2, :3]
+        assert shown.tolist() == [round(factor * one / 255) for one in (255, 128, 3)]

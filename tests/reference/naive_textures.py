@@ -275,7 +275,7 @@ def clip_camera():
     return rj.MatrixCamera(np.eye(4), clip_from_view)
 
 
-def draw_triangle(points, ws, uv, texture):
+def draw_triangle(points, ws, uv, texture, outputs=("linear", "face_id"), **options):
     """Return what a triangle shows that lands on screen points with the given w."""
     width, height = SIZE
     corners = [
@@ -284,4 +284,4 @@ def draw_triangle(points, ws, uv, texture):
     ]
     material = rj.Material("unlit", "white", base_color_texture=texture)
     mesh = rj.Mesh(corners, [(0, 1, 2)], uv=uv, material=material)
-    return rj.render(mesh, clip_camera(), size=SIZE, outputs=("linear", "face_id"), threads=1)
+    return rj.render(mesh, clip_camera(), size=SIZE, outputs=outputs, threads=1, **options)

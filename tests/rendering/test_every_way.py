@@ -157,6 +157,23 @@ def beyond_the_light():
     return scene
 
 
+def posters(count=4):
+    """Return pictures on unlit objects, of which the first reaches behind the eyes, and others."""
+    scene, rng = rj.Scene(), np.random.default_rng(5)
+    corners = [(-30, -1, -30), (30, -1, -30), (30, -1, 30), (-30, -1, 30)]
+    for n in range(count):
+        picture = rj.Texture(
+            rng.integers(0, 255, (9, 7, 3), np.uint8), filter=("nearest", "bilinear")[n % 2],
+            wrap=("repeat", "mirror", "clamp")[n % 3],
+        )  # fmt: skip
+        shading = "phong" if n == 2 else "unlit"
+        material = rj.Material(shading, (1.0, 1.0, 0.5 + n / 8), base_color_texture=picture)
+        uv = np.array(corners)[:, ::2] * 0.3 + 0.4
+        place = rj.transforms.scale(0.04 ** (n > 0)) @ rj.transforms.rotate_x(40.0 * n)
+        scene.add(rj.Mesh(corners, [(0, 2, 1), (0, 3, 2)], uv=uv, material=material), place)
+    return scene
+
+
 def lines_and_points():
     """Return lines and points of all shapes, in pixels and in units of the scene."""
     scene, rng = mixed_scene(), np.random.default_rng(4)
@@ -200,6 +217,7 @@ def case(scene=plain, change=None, cameras=AROUND, outputs=("color", "depth"), *
 
 LIGHT = ("linear", "color")
 SAMPLES = QUALITY(samples=4)
+CODES = QUALITY(texture_mixing="srgb8")
 EVERYTHING = tuple(batch_scheduler.BY_KERNEL)
 CUT = [*NEAR_BY, *around(1)]
 LAMPS = [
@@ -216,6 +234,10 @@ BATCHED_EFFECTS = {
     "affine": case(quality=QUALITY(interpolation="affine"), outputs=("color", "uv", "barycentric")),
     "whole pixels": case(quality=QUALITY(subpixel_bits=0)),
     "draft": case(quality=QUALITY.draft()),
+    "texture codes": case(posters, quality=CODES, cameras=CUT),
+    "texture codes alone": case(
+        lambda: posters(1), quality=CODES, cameras=around(2), outputs=("color",)
+    ),
     "back faces": case(cull="back", change={"vignette": rj.Vignette()}),
     "front faces": case(cull="front", background="transparent"),
     "background": case(
@@ -397,7 +419,7 @@ def test_every_two_effects_have_the_same_bits_in_every_way(row):
 @pytest.mark.parametrize("number", range(RANDOM))
 def test_random_scenes_have_the_same_bits_in_every_way(number):
     random = np.random.default_rng([random_scenes.seed_of_run(), number])
-    quality = random_scenes.random_quality(random)
+    quality = random_scenes.perhaps_codes(random, random_scenes.random_quality(random))
     scene = random_scenes.random_scene(random, True, sees_through=quality.samples != "area")
     cameras = [random_scenes.random_camera(random) for _ in range(2)]
     ways.check_every_way(

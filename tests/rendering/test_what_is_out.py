@@ -110,7 +110,8 @@ def differing(one, other, to_one=scenes.NUMBERS):
 def test_what_is_out_changes_no_bit(randoms):
     tried = set()
     for seed, random in randoms:
-        outputs, quality = scenes.random_outputs(random), scenes.random_quality(random)
+        outputs = scenes.random_outputs(random)
+        quality = scenes.perhaps_codes(random, scenes.random_quality(random))
         has_shadows, sees_through = scenes.chance(random, 0.2), quality.samples != "area"
         scene = scenes.random_scene(random, has_shadows, sees_through=sees_through)
         camera = scenes.random_camera(random)
@@ -249,7 +250,7 @@ class Written:
 @pytest.mark.filterwarnings("ignore")
 def test_how_a_mesh_is_written_changes_no_bit(randoms):
     for seed, random in randoms:
-        quality = scenes.random_quality(random)
+        quality = scenes.perhaps_codes(random, scenes.random_quality(random))
         scene = scenes.random_scene(random, sees_through=quality.samples != "area")
         camera = scenes.random_camera(random)
         # Lines between objects, and edges that two parts share, are drawn as they are cut; weights

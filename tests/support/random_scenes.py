@@ -210,6 +210,14 @@ def random_quality(random):
     )
 
 
+def perhaps_codes(random, quality):
+    """Return a quality that now and then mixes textures in codes."""
+    if not chance(random, 0.3):
+        return quality
+    texture_filter = str(random.choice(["nearest", "bilinear"]))
+    return replace(quality, texture_mixing="srgb8", texture_filter=texture_filter)
+
+
 def random_outputs(random):
     """Return what is asked for: colours, mostly with some of the others."""
     wanted = [name for name in OUTPUTS if chance(random, 0.35)]

@@ -56,16 +56,20 @@ def are_sums_accurate(factors):
 
 
 @helper
-def interpolate_uv_exactly(first, end, corners, vertex_uvs, column, row, uv_rows, geometry):
-    """Write texture coordinates of neighbouring samples of a face, the first at a pixel."""
-    for n in range(np.uintp(first), np.uintp(end)):
+def interpolate_uv_exactly(u, v, count, corners, vertex_uvs, column, row, geometry):
+    """
+    Write texture coordinates of neighbouring samples of a face, the first at a pixel.
+
+    Takes the parts of two rows that hold them.
+    """
+    for n in range(np.uintp(count)):
         weights = barycentric.compute_sample_weights(
-            corners[0], corners[1], corners[2], column + np.int64(n) - first, row, geometry
+            corners[0], corners[1], corners[2], column + np.int64(n), row, geometry
         )
-        uv_rows[U, n] = barycentric.interpolate(
+        u[n] = barycentric.interpolate(
             weights, vertex_uvs[0][0], vertex_uvs[1][0], vertex_uvs[2][0]
         )
-        uv_rows[V, n] = barycentric.interpolate(
+        v[n] = barycentric.interpolate(
             weights, vertex_uvs[0][1], vertex_uvs[1][1], vertex_uvs[2][1]
         )
 
@@ -97,15 +101,16 @@ def interpolate_patch_uv(first, end, corners, column, row, has_wide, uv_rows, uv
     uv_a, uv_b, uv_c = read_vertex_uvs(uv, a, b, c)
     factors = multiply_other_ws(a, b, c, w)
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
+    u, v = part(uv_rows, U, first, end), part(uv_rows, V, first, end)
     if is_clipped:
         interpolate_clipped_uv(
-            part(uv_rows, U, first, end), part(uv_rows, V, first, end), corners, (uv_a, uv_b, uv_c),
-            column, row, geometry.clip_positions, geometry.viewport,
+            u, v, corners, (uv_a, uv_b, uv_c), column, row, geometry.clip_positions,
+            geometry.viewport,
         )  # fmt: skip
         return
     if (has_wide and is_wide(a, b, c, xy)) or not are_sums_accurate(factors):
         interpolate_uv_exactly(
-            first, end, corners, (uv_a, uv_b, uv_c), column, row, uv_rows, geometry
+            u, v, end - first, corners, (uv_a, uv_b, uv_c), column, row, geometry
         )
         return
     edges, steps = evaluate_edges_along_row(a, b, c, column, row, bits, xy)
