@@ -79,6 +79,8 @@ class TriangleScene:
     """(V, 2), v up."""
     texture: NDArray[np.uint8] | None = None
     """(H, W, 3), sRGB, top row first, H and W powers of two; bilinear, repeated, no mip levels."""
+    in_codes: bool = False
+    """Whether RasterJIT mixes the texture in 8-bit codes."""
     values: NDArray[np.float32] | None = None
     """(V,), in 0..1: the texture is one row of colours, and that of the value is shown as it is."""
     instances: NDArray[np.float64] | None = None

@@ -124,6 +124,8 @@ class Pictures:
         self._cull = scene.cull
         self._output = "face_id" if "faces" in needs(scene) else "color"
         self._cameras = [rj.MatrixCamera(np.eye(4), matrix) for matrix in matrices(scene)]
+        if scene.in_codes:
+            settings = {**settings, "texture_mixing": "srgb8"}
         quality = rj.Quality(**settings)
         self._renderer = rj.Renderer(scene.size, quality=quality, threads=threads)
         self._size, self._quality, self._threads = scene.size, quality, threads

@@ -94,7 +94,9 @@ MEASURING = ("sizes", "faces", "looks", "families", "threads", "instructions", "
     "--faces", multiple=True, type=click.IntRange(12, MAX_FACES), metavar="N",
     help="Of meshes, about.",
 )  # fmt: skip
-@click.option("--looks", multiple=True, type=click.Choice(LOOKS), help="How meshes are coloured.")
+@click.option(
+    "--looks", multiple=True, type=click.Choice([*TITLES]), help="How meshes are coloured."
+)
 @click.option(
     "--families", multiple=True, type=click.Choice([*FAMILIES, SLIVERS.family]),
     help="Of meshes; slivers is a single cell, whatever sizes, faces and looks are.",

@@ -11,7 +11,13 @@ FACES = (200, 1_000, 5_000, 20_000, 70_000, 300_000, 1_000_000)
 LOOKS = ("colors", "phong", "texture")
 FAMILIES = ("knot", "terrain", "boxes")
 
-TITLES = {"colors": "unlit colours", "phong": "Phong", "texture": "bilinear texture"}
+IN_CODES = "codes"
+"""The look of textures that RasterJIT mixes in 8-bit codes, as peers do; measured if asked for."""
+
+TITLES = {
+    "colors": "unlit colours", "phong": "Phong", "texture": "bilinear texture",
+    IN_CODES: "bilinear texture, 8-bit codes",
+}  # fmt: skip
 
 OWN, LLVMPIPE, TINYDISPLAY = "rasterjit", "opengl", "tinydisplay"
 PEERS = (LLVMPIPE, TINYDISPLAY)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import meshes
+from benchmarks.map.cells import IN_CODES
 from benchmarks.meshes import SEED, look_at, perspective
 from benchmarks.scenes import SIZE, TriangleScene
 
@@ -215,7 +216,7 @@ def texture() -> NDArray[np.uint8]:
 
 
 def make_scene(family: str, faces: int, look: str, size: tuple[int, int]) -> TriangleScene:
-    """Return what contestants draw: a family's mesh of about so many faces in a look of LOOKS."""
+    """Return what contestants draw: a family's mesh of about so many faces in a look of TITLES."""
     mesh = geometry(family, faces)
     lens = np.eye(4)
     if mesh.fov_y:
@@ -225,6 +226,7 @@ def make_scene(family: str, faces: int, look: str, size: tuple[int, int]) -> Tri
         "colors": {"colors": mesh.colors},
         "phong": {"colors": mesh.colors, "normals": mesh.normals, "to_light": TO_LIGHT},
         "texture": {"uv": mesh.uv, "texture": texture()},
+        IN_CODES: {"uv": mesh.uv, "texture": texture(), "in_codes": True},
     }
     return TriangleScene(
         mesh.positions, mesh.faces, views[0], size, len(mesh.faces), "triangle", views=views,

@@ -438,7 +438,7 @@ def test_the_process_draws_scene_after_scene_and_reads_views_back(tmp_path):
 
 
 @pytest.mark.takes_long
-@pytest.mark.parametrize("look", cells.LOOKS)
+@pytest.mark.parametrize("look", cells.TITLES)
 def test_all_draw_the_same_pictures_in_processes_of_their_own(look):
     for key in ("opengl", "tinydisplay"):
         reason = contestants.contestant(key).available()
