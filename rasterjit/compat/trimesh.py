@@ -21,12 +21,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import imageio.v3 as iio
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.io import cameras
+from rasterjit.io.images import encode_png
 from rasterjit.io.meshes import from_trimesh
 from rasterjit.rendering.renderer import render
 from rasterjit.scene.guides import Axes, Grid
@@ -111,7 +111,7 @@ def save_image(scene: trimesh.Scene, resolution: ArrayLike | None = None, **opti
         **_make_render_arguments(scene, resolution, **options),
         quality=Quality(samples=4, blending="srgb8"),
     )
-    return iio.imwrite("<bytes>", frame.color, extension=".png")
+    return encode_png(frame.color)
 
 
 def show(scene: trimesh.Scene, viewer: Any = None, **options: Any) -> Any:

@@ -1,0 +1,1 @@
+"""Programs that others published, drawn by what they were written for and by RasterJIT."""
