@@ -430,6 +430,17 @@ def test_soft_shadow_of_a_ball_is_smooth_and_what_it_hides_of_the_light(height, 
             assert (np.maximum.accumulate(way) - way).max() < 0.04
 
 
+@pytest.mark.parametrize("angle", [20.0, 30.0, 60.0])
+def test_the_penumbra_of_a_wide_sun_shows_no_more_bands_than_that_of_a_narrow_one(angle):
+    def bands(angle):
+        scene, camera = ball_over_ground(1.5, 1024, angle)
+        share, frame = shares(scene, camera, (300, 40))
+        x = frame.position[20, :, 0]
+        return np.abs(np.diff(share[10:30, (x > 0.8) & (x < 4.5)], 2, axis=1)).mean()
+
+    assert bands(angle) < 1.25 * bands(6.0)
+
+
 @pytest.mark.parametrize("kernel", ["hard", "pcf"])
 @pytest.mark.parametrize("columns", [8, 16, 48])
 def test_a_ball_does_not_shade_itself_where_its_normals_face_the_light(columns, kernel):

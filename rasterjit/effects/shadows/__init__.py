@@ -300,11 +300,13 @@ class ShadowMaps(ScreenEffect, BatchedEffect):
             return texels, size, sides, on_faces
 
         def soft_arguments(a: ShadingArrays) -> tuple[Any, ...]:
-            tables = shadows.cells[number], shadows.pattern, shadows.spiral
+            density = shadows.densities[number]
+            points = maps.make_disk_points(density), maps.make_spiral(size, density)
             return (
                 *map_args(a),
                 shadows.maps[number],
-                *tables,
+                shadows.cells[number],
+                *points,
                 a.lighting.lights[number] if turns_away else NO_LIGHT,
             )
 

@@ -72,8 +72,16 @@ SUBPIXEL_BITS = 8
 COMPARISON_COUNT = 32
 """Points of the disk where soft shadows are compared."""
 
-SPIRAL_GROWTH = 1.0905077326652577
-"""Growth of the radius between two points of a spiral: eight to an octave."""
+SPIRAL_GROWTHS = (
+    1.0905077326652577, 1.0442737824274138, 1.029302236643492, 1.0218971486541166,
+    1.0174796921026863, 1.0145453349375237, 1.012454548098765, 1.0108892860517005,
+)  # fmt: skip
+"""Growth of the radius between two points of a spiral: eight to an octave, 16, 24 .. 64."""
+
+SMOOTH_DEGREES = 8.0
+"""Widest sun whose penumbra shows no bands at the least density."""
+
+MAX_DENSITY = len(SPIRAL_GROWTHS)
 
 GOLDEN_ANGLE = 137.50776405003785
 """Degrees between the points of a sunflower: 180 (3 - sqrt 5)."""
@@ -139,10 +147,9 @@ def allocate_record(lights: Sequence[CastingLight]) -> ShadowRecord:
         count += sides * size * size
         if light.shadow.filter == "soft":
             cells[n] = find_occlusion_limits(np.zeros((sides, size, size), np.float32), 1.0)
-    largest = int(layouts[:, shadows_stage.MAP_SIDE].max())
     rows = np.zeros((len(lights), shadows_stage.MAP_COLUMNS))
     texels = np.empty(count, np.float32)
-    return ShadowRecord(rows, layouts, texels, make_disk_points(), make_spiral(largest), cells)
+    return ShadowRecord(rows, layouts, texels, [*map(find_density, lights)], cells)
 
 
 class ShadowRecord(NamedTuple):
@@ -154,10 +161,8 @@ class ShadowRecord(NamedTuple):
     """(L, 4) int64: first texel or -1 for no map, side, filter, number of maps."""
     texels: Any
     """(N,) float32, stored depth: greater is nearer to the light, -inf where nothing is."""
-    pattern: Any
-    """(P, 2) float32: points of the unit disk where soft shadows are compared."""
-    spiral: Any
-    """(S, 2) float32, texels: where soft shadows search for blockers, from the nearest on."""
+    densities: Any
+    """L of int: `find_density` of each light."""
     cells: Any
     """L of (N,) float32: `find_occlusion_limits` of each soft light, or None."""
 
@@ -216,8 +221,7 @@ def draw_shadows(
         if first >= 0 and kind == filters.SOFT:
             light_texels = texels[first : first + sides * size * size].reshape(sides, size, size)
             cells[n] = find_occlusion_limits(light_texels, float(rows[n, shadows_stage.WIDENING]))
-    largest = max(int(side) for side in layouts[:, shadows_stage.MAP_SIDE])
-    return ShadowRecord(rows, layouts, texels, make_disk_points(), make_spiral(largest), cells)
+    return ShadowRecord(rows, layouts, texels, [*map(find_density, lights)], cells)
 
 
 def _draw_map(
@@ -549,34 +553,44 @@ def _get_right_axis(camera: Camera) -> tuple[float, ...]:
     return transforms.unit_triple("axis", right) if right.any() else (1.0, 0.0, 0.0)
 
 
-@lru_cache(1)
-def make_disk_points() -> NDArray[np.float32]:
-    """
-    Return points spread evenly over the unit disk, (COMPARISON_COUNT, 2), as in a sunflower [2]_.
+def find_density(light: CastingLight) -> int:
+    """Return how densely the shadow of a light is sampled, as a multiple: wide suns have bands."""
+    shadow = light.shadow
+    if shadow is None or shadow.light_size is None or not isinstance(light, DirectionalLight):
+        return 1
+    return max(1, min(MAX_DENSITY, math.ceil(shadow.light_size / SMOOTH_DEGREES)))
 
-    The array is shared: do not write to it.
+
+@lru_cache(MAX_DENSITY)
+def make_disk_points(density: int = 1) -> NDArray[np.float32]:
     """
-    points = []
-    for n in range(COMPARISON_COUNT):
-        radius = math.sqrt((n + 0.5) / COMPARISON_COUNT)
+    Return points of the unit disk where soft shadows are compared, (N, 2), as in a sunflower [2]_.
+
+    There are ``density * COMPARISON_COUNT`` points. The array is shared: do not write to it.
+    """
+    points, count = [], density * COMPARISON_COUNT
+    for n in range(count):
+        radius = math.sqrt((n + 0.5) / count)
         sine, cosine = transforms.sine_cosine(n * GOLDEN_ANGLE)
         points.append((radius * cosine, radius * sine))
     return np.array(points, np.float32)
 
 
 @lru_cache(64)
-def make_spiral(size: int) -> NDArray[np.float32]:
+def make_spiral(size: int, density: int = 1) -> NDArray[np.float32]:
     """
-    Return a spiral of points around a sample, (S, 2) texels, for maps of a side.
+    Return points around a sample where soft shadows look for blockers, (S, 2), by a map's side.
+
+    A spiral in texels, from the nearest on, with ``density`` times eight points to an octave.
 
     Points are the denser the nearer, so that close and distant blockers cover equal shares. The
     array is shared: do not write to it.
     """
-    points, radius = [], 1.0
+    points, radius, growth = [], 1.0, SPIRAL_GROWTHS[density - 1]
     while radius <= float(filters.MAX_PENUMBRA_RADIUS) * size + 1.0:
         sine, cosine = transforms.sine_cosine(len(points) * GOLDEN_ANGLE)
         points.append((radius * cosine, radius * sine))
-        radius *= SPIRAL_GROWTH
+        radius *= growth
     return np.array(points, np.float32)
 
 
