@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -127,15 +128,52 @@ def recolor(scene: Scene, material: Material) -> Scene:
     def paint(node: Node) -> Mesh:
         if id(node.mesh) not in meshes:
             mesh = meshes[id(node.mesh)] = node.mesh.without_colors()
-            mesh.material = _match_sides(node.mesh, material)
+            mesh._vertex_colors = _vertex_holes(node.mesh)
+            mesh.material = _keep_shape(node.mesh, material)
         return meshes[id(node.mesh)]
 
     return replace_meshes(scene, paint)
 
 
-def _match_sides(mesh: Mesh, material: Material) -> Material:
-    """Return a material that is double-sided if that of a mesh is."""
-    return replace(material, double_sided=mesh.material.double_sided)
+def _keep_shape(mesh: Mesh, material: Material) -> Material:
+    """Return a material with as many sides as that of a mesh, and the holes of its alpha mask."""
+    own = mesh.material
+    material = replace(material, double_sided=own.double_sided)
+    texture = own.base_color_texture
+    if own.alpha_mode != "mask":
+        return material
+    alpha = own.base_color_over(mesh.vertex_colors is not None)[3]
+    if material.alpha_mode == "blend":
+        # Film is as clear as it is, or not there.
+        cutoff = own.alpha_cutoff / alpha if alpha > 0.0 else math.inf
+        holes = None if texture is None else _texture_holes(texture, cutoff)
+        return replace(material, base_color_texture=holes)
+    holes = None if texture is None else _texture_holes(texture)
+    return replace(
+        material, base_color=(*material.base_color_over(True)[:3], alpha), alpha_mode="mask",
+        alpha_cutoff=own.alpha_cutoff, base_color_texture=holes,
+    )  # fmt: skip
+
+
+@lru_cache(32)
+def _texture_holes(texture: Texture, cutoff: float | None = None) -> Texture:
+    """Return a white texture with the alpha of another one; given a cutoff, with 0 or 1 instead."""
+    image = texture.image.copy()
+    image[..., :3] = 1.0
+    if cutoff is None:
+        return replace(texture, image=image)
+    image[..., 3] = image[..., 3] >= cutoff
+    return replace(texture, image=image, filter="nearest", anisotropy=1)
+
+
+def _vertex_holes(mesh: Mesh) -> NDArray[np.float32] | None:
+    """Return white colours of vertices with the alpha of an alpha mask; None if that is all 1."""
+    colors = mesh.vertex_colors
+    if mesh.material.alpha_mode != "mask" or colors is None or (colors[:, 3] >= 1.0).all():
+        return None
+    holes = colors.copy()
+    holes[:, :3] = 1.0
+    return holes
 
 
 def sharpen_textures(scene: Scene, anisotropy: Anisotropy) -> Scene:
@@ -197,7 +235,7 @@ def color_by_depth(scene: Scene, camera: Camera) -> Scene:
         # Normalized, as scalars are float32: too few digits, or too small a range, for depths.
         shares = (np.clip(depths[id(node)], low, high) - low) / (high - low)
         mesh = node.mesh.with_scalars(shares, DEPTH_COLORMAP, range=(0.0, 1.0))
-        mesh.material = _match_sides(node.mesh, UNLIT)
+        mesh.material = _keep_shape(node.mesh, UNLIT)
         return mesh
 
     return replace_meshes(scene, paint, DRAWABLE_TYPES)
@@ -210,11 +248,13 @@ def color_by_normal(scene: Scene) -> Scene:
         mesh = node.mesh
         matrix = node.world_matrix[:3, :3]
         positions, faces = mesh.vertices, mesh.faces
+        sources: NDArray[np.int64] | slice = slice(None)
         if mesh.normals is not None or mesh.material.shading in SMOOTH_SHADINGS:
             normals = mesh.vertex_normals().astype(np.float64)
         else:
             # Give each face its own vertices.
-            positions, faces = positions[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
+            sources, faces = faces.ravel(), np.arange(faces.size).reshape(-1, 3)
+            positions = positions[sources]
             a, b, c = (positions[k::3] for k in range(3))
             normals = np.repeat(np.cross(b - a, c - a), 3, axis=0)
         # The cofactors transform normals as the matrix transforms surfaces.
@@ -224,9 +264,14 @@ def color_by_normal(scene: Scene) -> Scene:
         if dot(matrix[0].tolist(), cofactors[0].tolist()) < 0.0:
             world = -world
         colors = np.clip(np.floor(unit_rows(world) * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
+        holes = _vertex_holes(mesh)
+        if holes is not None:
+            colors = np.column_stack([colors, np.rint(255.0 * holes[sources, 3]).astype(np.uint8)])
+        uv, uv1 = (None if one is None else one[sources] for one in mesh.uv_sets)
         return Mesh(
-            positions, faces, colors=colors, on_invalid="drop", material=_match_sides(mesh, UNLIT)
-        )
+            positions, faces, colors=colors, uv=uv, uv1=uv1, on_invalid="drop",
+            material=_keep_shape(mesh, UNLIT),
+        )  # fmt: skip
 
     return replace_meshes(scene, paint)
 
