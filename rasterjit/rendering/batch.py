@@ -339,11 +339,12 @@ def scene_at(scene: Scene, places: NDArray[np.float64]) -> Scene:
     Labels stay where they are.
     """
     labelled = [
-        Node(world_from_model=node.world_matrix, label=node.label) for node in scene.labelled
+        Node(world_from_model=node.world_matrix, label=node.label, section=node._is_cut)
+        for node in scene.labelled
     ]
     changed = with_labels(scene, labelled)
     changed.nodes = [
-        Node(node.mesh, name=node.name, world_from_model=matrix)
+        Node(node.mesh, name=node.name, world_from_model=matrix, section=node._is_cut)
         for node, matrix in zip(scene.nodes, places, strict=True)
     ]
     return changed

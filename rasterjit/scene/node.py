@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Float64, HoldsArrays
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.decomposed_transform import TRS, compose_trs, decompose
@@ -60,16 +61,18 @@ class Node(HoldsArrays, WorldObject, Guarded):
         The joints that the mesh follows, in place of the node's own place.
     weights : (T,) array_like, optional
         How strong the morph targets of the mesh are. Default: as the mesh says.
+    section : bool
+        Whether planes of ``scene.section`` cut it; ``False``: it stays whole, with all below it.
 
     Raises
     ------
     ValueError
         If ``mesh`` is not a `Mesh`, ``parent`` not a `Node`, ``label`` not a `Label`, both
         transforms are given, or one is not 4×4, finite and affine, or has no finite product with
-        those above; if ``skin`` or ``weights`` do not fit the mesh.
+        those above; if ``skin`` or ``weights`` do not fit the mesh, or ``section`` is no bool.
     AttributeError
         If anything else is assigned than ``mesh``, ``transform``, ``world_from_model``, ``name``,
-        ``parent``, ``label``, ``skin`` and ``weights``.
+        ``parent``, ``label``, ``skin``, ``weights`` and ``section``.
 
     Examples
     --------
@@ -85,6 +88,7 @@ class Node(HoldsArrays, WorldObject, Guarded):
 
     _FIELDS = (
         "mesh", "transform", "world_from_model", "name", "parent", "label", "skin", "weights",
+        "section",
     )  # fmt: skip
     _ADVICE = "assign world_from_model, or transform, to move it, and a child's parent to hang it"
 
@@ -100,6 +104,7 @@ class Node(HoldsArrays, WorldObject, Guarded):
     # Most nodes have none of them, and take no room for that.
     _skin: Skin | None = None
     _weights: Float64 | None = None
+    _section: bool = True
     _trs: TRS | None = None
     """The translation, rotation and scale that ``_transform`` was made of, if any."""
     _pose_cache: Any = None
@@ -120,6 +125,7 @@ class Node(HoldsArrays, WorldObject, Guarded):
         label: Label | None = None,
         skin: Skin | None = None,
         weights: ArrayLike | None = None,
+        section: bool = True,
     ) -> None:
         # All at once, past the check of each that is assigned.
         self.__dict__.update(
@@ -131,6 +137,8 @@ class Node(HoldsArrays, WorldObject, Guarded):
             self._skin = check_skin(skin, self._mesh)
         if weights is not None:
             self._weights = check_morph_weights(weights, self._mesh)
+        if section is not True:
+            self.section = section
         if world_from_model is not None:
             if transform is not None:
                 raise ValueError("transform must be None where world_from_model is not")
@@ -192,6 +200,29 @@ class Node(HoldsArrays, WorldObject, Guarded):
     @weights.setter
     def weights(self, value: ArrayLike | None) -> None:
         self._weights = check_morph_weights(value, self._mesh)
+
+    @property
+    def section(self) -> bool:
+        """Whether the planes of ``scene.section`` cut it, if they cut all above it; assignable."""
+        return self._section
+
+    @section.setter
+    def section(self, value: bool) -> None:
+        self._section = check.boolean("section", value)
+
+    @property
+    def _is_cut(self) -> bool:
+        """Whether planes cut it: no node from the topmost on is left whole."""
+        node: Node | None = self
+        while node is not None and node._section:
+            node = node._parent
+        return node is None
+
+    def _with_mesh(self, mesh: Mesh) -> Node:
+        """Return a topmost node with another mesh at the same place in the world."""
+        node = Node(mesh, name=self.name, section=self._is_cut)
+        node._move(self._world_from_model, None)
+        return node
 
     @property
     def trs(self) -> TRS:

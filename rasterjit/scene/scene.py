@@ -822,7 +822,9 @@ def _copy_node(node: Node, parent: Node | None, values: dict[str, Any]) -> Node:
     if parts:
         trs = node.trs.with_(**parts)
         transform = compose_trs(trs)
-    copied = Node(node._mesh, transform, node.name, parent=parent, label=node._label)
+    copied = Node(
+        node._mesh, transform, node.name, parent=parent, label=node._label, section=node._section
+    )
     if trs is not None:
         copied._trs = TRS(*trs)
     if node._skin is not None:

@@ -38,6 +38,7 @@ class SectionPlane:
     faces of the scene, plus ``planes * object_id + plane``; normals are the plane's, and it has no
     ``barycentric``, ``uv``, scalars or attributes. What is cut away casts no shadow and hides no
     label; labels that stand in front of a plane are left out. Points are cut by their centres.
+    A node with ``section=False`` is left whole, with all below it and their labels.
     Where lines are cut, strips end, with caps and dashes as strips have them. What is lit at
     vertices (``"gouraud"``) is lit at those of the cut as well.
 

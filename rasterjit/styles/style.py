@@ -115,8 +115,7 @@ def replace_meshes(
     scene = pose_scene(scene)
     painted = copy.copy(scene)
     painted.nodes = [
-        Node(paint(node), node.world_matrix, node.name) if type(node.mesh) in types else node
-        for node in scene.nodes
+        node._with_mesh(paint(node)) if type(node.mesh) in types else node for node in scene.nodes
     ]
     return painted
 
@@ -203,9 +202,7 @@ def sharpen_textures(scene: Scene, anisotropy: Anisotropy) -> Scene:
         return scene
     changed = copy.copy(scene)
     changed.nodes = [
-        Node(meshes[id(node.mesh)], node.world_matrix, node.name)
-        if id(node.mesh) in meshes
-        else node
+        node._with_mesh(meshes[id(node.mesh)]) if id(node.mesh) in meshes else node
         for node in scene.nodes
     ]
     return changed

@@ -245,11 +245,15 @@ def cut_scene(scene: Scene) -> Scene:
         return scene
     objects = []
     for node in scene.nodes:
-        key = node._mesh, node._world_from_model, scene.section, node._mesh._material, node.name
+        is_cut = node._is_cut
+        key = (
+            node._mesh, node._world_from_model, scene.section, node._mesh._material, node.name,
+            is_cut,
+        )  # fmt: skip
         # Other threads may replace the cache meanwhile.
         cached = node._section_cache
         if cached is None or not all(map(operator.is_, cached[0], key)):
-            cached = node._section_cache = key, _cut_object(node, planes)
+            cached = node._section_cache = key, _cut_object(node, planes, is_cut)
         objects.append(cached[1])
     # The first node caches the cut nodes of the scene.
     first = scene.nodes[0]
@@ -259,7 +263,8 @@ def cut_scene(scene: Scene) -> Scene:
     kept_labels = [
         node
         for node in scene.labelled
-        if all((_plane_distances(plane, _label_position(node)) <= 0.0).all() for plane in planes)
+        if not node._is_cut
+        or all((_plane_distances(plane, _label_position(node)) <= 0.0).all() for plane in planes)
     ]
     result = _copy_scene(
         scene if len(kept_labels) == len(scene.labelled) else with_labels(scene, kept_labels)
@@ -436,13 +441,13 @@ def _signed_distances(world: Float64, planes: Sequence[SectionPlane]) -> Float64
     return np.stack(columns, axis=1)
 
 
-def _cut_object(node: Node, planes: Sequence[SectionPlane]) -> CutParts:
-    """Cut an object by planes."""
+def _cut_object(node: Node, planes: Sequence[SectionPlane], is_cut: bool) -> CutParts:
+    """Cut an object by planes, or leave it whole."""
     mesh = node.mesh
     empty = (np.zeros((0, 2), np.int32),) * len(planes)
     corners = transform_boxes(compute_mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
     corner_distances = _signed_distances(corners, planes)
-    if (corner_distances <= 0.0).all():
+    if not is_cut or (corner_distances <= 0.0).all():
         return CutParts(node, (), None, None, NO_WEIGHTS, empty)
     if (corner_distances > 0.0).all(axis=0).any():
         return CutParts(None, (), None, None, NO_WEIGHTS, empty)
@@ -471,7 +476,7 @@ def _cut_points(node: Node, mesh: Points, distances: Float64, empty: Any) -> Cut
     )
     if len(mesh.sizes) > 1:
         copied._sizes = read_only(mesh.sizes[kept])
-    return CutParts(_replace_mesh(node, copied), (), copied._recipe, kept, NO_WEIGHTS, empty)
+    return CutParts(node._with_mesh(copied), (), copied._recipe, kept, NO_WEIGHTS, empty)
 
 
 def _cut_lines(node: Node, mesh: Lines, distances: Float64, empty: Any) -> CutParts:
@@ -499,7 +504,7 @@ def _cut_lines(node: Node, mesh: Lines, distances: Float64, empty: Any) -> CutPa
     if len(mesh.widths) > 1:
         copied._widths = read_only(mesh.widths[numbers])
     copied._links = None
-    return CutParts(_replace_mesh(node, copied), (), copied._recipe, numbers, NO_WEIGHTS, empty)
+    return CutParts(node._with_mesh(copied), (), copied._recipe, numbers, NO_WEIGHTS, empty)
 
 
 def _add_crossings(
@@ -513,11 +518,6 @@ def _add_crossings(
     new = np.where(np.abs(new) <= tolerance, 0.0, new)
     new[:, plane] = 0.0
     return np.concatenate([distances, new]), t
-
-
-def _replace_mesh(node: Node, mesh: Mesh) -> Node:
-    """Return a copy of a node with another mesh."""
-    return Node(mesh, name=node.name, world_from_model=node.world_from_model)
 
 
 def _interpolate_mesh(mesh: Any, recipe: VertexRecipe, faces: NDArray[Any], numbers: Int64) -> Any:
@@ -702,7 +702,7 @@ class _Cutter:
             used, renumbered = self._renumber([faces, *lines])
             recipe = VertexRecipe(tuple(self.steps), used)
             mesh = _interpolate_mesh(self.mesh, recipe, renumbered[faces], numbers)
-            node = _replace_mesh(self.node, mesh)
+            node = self.node._with_mesh(mesh)
             edges = [renumbered[ends] for ends in lines]
             is_used = np.zeros(len(self.distances), bool)
             is_used[used] = True
@@ -991,7 +991,7 @@ class _Cutter:
         model = (x * rows[0] + y * rows[1]) + z * rows[2]
         normals = np.tile(unit_rows(model[np.newaxis]), (len(used), 1))
         result._normals = result._vertex_normals = read_only(normals)
-        return _replace_mesh(self.node, result)
+        return self.node._with_mesh(result)
 
 
 def _triple_products(a: Float64, b: Float64, c: Float64) -> Float64:

@@ -125,14 +125,17 @@ def pose_node(node: Node) -> Node:
         or not _are_same_joints(cached.matrices, matrices)
     ):
         posed, matrix = _pose_mesh(mesh, skin, matrices, weights)
-        cached = Pose(mesh, matrices, key, Node(posed, matrix, node.name))
+        cached = Pose(mesh, matrices, key, Node(posed, matrix, node.name, section=node._is_cut))
     result = cached.node
     if result._mesh._material is not mesh._material:
         result._mesh.material = mesh._material
     matrix = node._world_from_model if skin is None else result._world_from_model
-    if result._world_from_model is not matrix or result.name != node.name:
+    if result._world_from_model is not matrix or (result.name, result._section) != (
+        node.name,
+        node._is_cut,
+    ):
         # Earlier frames may still refer to the old node.
-        result = Node(result._mesh, None, node.name)
+        result = Node(result._mesh, None, node.name, section=node._is_cut)
         result._move(matrix, None)
         cached = cached._replace(node=result)
     if node._pose_cache is not cached:

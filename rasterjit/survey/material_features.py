@@ -10,7 +10,6 @@ from typing import Any
 
 from rasterjit.scene.material import IOR, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
@@ -400,7 +399,7 @@ def with_meshes(scene: Scene, change: Callable[[Mesh], Mesh]) -> Scene:
     for node in scene.posed().nodes:
         if node.mesh not in known:
             known[node.mesh] = change(node.mesh)
-        changed.nodes.append(Node(known[node.mesh], node.world_from_model, node.name))
+        changed.nodes.append(node._with_mesh(known[node.mesh]))
     return changed
 
 

@@ -554,6 +554,46 @@ def test_instances_are_cut_each_at_its_place():
     assert found.position[0] == pytest.approx(1.0, abs=1e-6)
 
 
+def test_nodes_that_are_left_whole_are_not_cut():
+    scene, bolt = rj.Scene(), ball()
+    scene.add(ball())
+    shaft = scene.add(rj.Node(None, section=False))
+    scene.add(
+        bolt,
+        rj.transforms.compose(rj.transforms.translate((0.3, 0, 0.5)), rj.transforms.scale(0.6)),
+        "bolt",
+        parent=shaft,
+    )
+    scene.add(rj.Label((0, 0, 0.9), "bolt"), parent=shaft)
+    scene.section = rj.SectionPlane((0, 0, 0), (0, 0, 1))
+    camera = rj.PerspectiveCamera((1.0, 0.8, 4.0), (0.0, 0.0, 0.0), fov_y=40.0)
+    wanted = {"size": (64, 48), "outputs": ("color", "depth", "object_id")}
+    apart = []
+    for node in scene.nodes:
+        alone = rj.Scene()
+        alone.add(node.mesh, node.world_matrix)
+        alone.section = scene.section if node.name != "bolt" else None
+        apart.append(rj.render(alone, camera, **wanted).depth)
+    frame = rj.render(scene, camera, **wanted)
+    assert (frame.depth == np.minimum(*apart)).all()
+    assert {0, 1} <= set(np.unique(frame.object_id))
+    assert (
+        rj.render(pickle.loads(pickle.dumps(scene)), camera, **wanted).color == frame.color
+    ).all()
+    places = np.array([[node.world_matrix for node in scene.nodes]])
+    batch = rj.render_batch(scene, [camera], transforms=places, **wanted)
+    assert (batch.color[0] == frame.color).all()
+    twin, other = copy.copy(scene), rj.Scene()
+    twin.section = None
+    other.add(twin, name="all")
+    other.section = scene.section
+    assert (rj.render(other, camera, **wanted).depth == frame.depth).all()
+    styled = rj.styles.plain(scene, camera).render(**wanted)
+    assert (styled.object_id == frame.object_id).all()
+    shaft.section = True
+    assert (rj.render(scene, camera, **wanted).depth > frame.depth).any()
+
+
 def test_cut_away_parts_cast_no_shadow():
     scene = rj.Scene()
     floor = [[-4, -1.2, -4], [4, -1.2, -4], [4, -1.2, 4], [-4, -1.2, 4]]
