@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.animation.tracks import CameraTrack
 from rasterjit.animation.video import save_animation
+from rasterjit.outputs.colorbar import append_bar, draw_colorbar, read_bar_title
+from rasterjit.outputs.contact_sheet import join_scales
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.output_table import Outputs
 from rasterjit.rendering.planning import Cull, find_scene_plane_needs, has_open_plane
@@ -23,6 +25,7 @@ from rasterjit.scene.decomposed_transform import TRS
 from rasterjit.scene.keyframes import Animation, Channel
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
+from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import boolean, brief, finite_number
 from rasterjit.survey.clip_planes import NO_PLANE_NEEDS, PlaneNeeds
@@ -225,7 +228,11 @@ def _play(
 
 
 def save(
-    frames: Iterable[Frame | NDArray[np.uint8]], path: str | Path, *, fps: float = 24.0
+    frames: Iterable[Frame | NDArray[np.uint8]],
+    path: str | Path,
+    *,
+    fps: float = 24.0,
+    colorbar: bool | str = False,
 ) -> None:
     """
     Write an animation that repeats for ever; the format follows the extension.
@@ -243,12 +250,15 @@ def save(
         opaque, even sides).
     fps : float
         Frames a second, in 1..50 for GIF and 1..120 for the others.
+    colorbar : bool or str
+        Whether frames have a colour bar to the right, or its title: one for all, so their scalars
+        have one colormap, norm and range.
 
     Raises
     ------
     ValueError
         If the folder does not exist, the extension is unknown, ``fps`` is out of range, there is
-        no frame, or one does not fit the format or the first.
+        no frame, or one does not fit the format or the first, or the scale of its colour bar.
     ImportError
         If the format needs ffmpeg and the extra ``rasterjit[video]`` is not installed.
     OSError
@@ -262,10 +272,39 @@ def save(
     """
     if not isinstance(frames, Iterable):
         raise ValueError(f"frames must be an iterable of frames, got {brief(frames)}")
-    pictures = (frame.color if isinstance(frame, Frame) else frame for frame in frames)
+    title = read_bar_title(colorbar)
+    pictures = _take_pictures(frames) if colorbar is False else _append_bars(frames, title)
     try:
         save_animation(path, pictures, fps)
     finally:
         # `frames` restores the nodes when it is closed.
         if isinstance(frames, Iterator) and hasattr(frames, "close"):
             frames.close()
+
+
+def _take_pictures(
+    frames: Iterable[Frame | NDArray[np.uint8]],
+) -> Iterator[NDArray[np.uint8]]:
+    """Yield pictures as they are."""
+    for frame in frames:
+        yield frame.color if isinstance(frame, Frame) else frame
+
+
+def _append_bars(
+    frames: Iterable[Frame | NDArray[np.uint8]], title: str
+) -> Iterator[NDArray[np.uint8]]:
+    """Yield pictures with the colour bar of the first frame, of an even width for MP4."""
+    first: ColorScale | None = None
+    for frame in frames:
+        scale = join_scales([frame])
+        picture = frame.color if isinstance(frame, Frame) else frame
+        if first is None:
+            first, bar = scale, draw_colorbar(scale, len(picture), title)
+            if (bar.shape[1] + picture.shape[1]) % 2:
+                bar = append_bar(bar, bar[:, -1:])
+        elif not scale.equals(first):
+            raise ValueError(
+                "colorbar must be False where frames differ in colormap, norm or range: give them "
+                "one range=(low, high)"
+            )
+        yield append_bar(picture, bar)

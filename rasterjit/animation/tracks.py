@@ -25,7 +25,7 @@ from rasterjit.scene import camera_fitting, transforms
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.keyframes import Animation
-from rasterjit.scene.mesh import Mesh, copy_field, set_face_values
+from rasterjit.scene.mesh import Mesh, replace_scalars, replace_vertices
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
     bounded_number,
@@ -215,16 +215,19 @@ class TransformTrack(_Track):
 
 class MorphTrack(_Track):
     """
-    A mesh whose vertices go from key to key.
+    A mesh whose vertices or scalars go from key to key: a morph, or the steps of a simulation.
 
     Parameters
     ----------
     times : (K,) array_like of float, seconds
         Growing.
     mesh : Mesh
-        Gives faces, colours, texture coordinates and material.
-    vertices : (K, V, 3) array_like, model space
-        What its vertices are at each time.
+        Gives faces, colours, texture coordinates and material, and how scalars are shown.
+    vertices : (K, V, 3) array_like, model space, optional
+        What its vertices are at each time. Default: those of the mesh, all the time.
+    scalars : (K, V) or (K, F) array_like, optional
+        Its scalars at each time. Colour map, norm and range are those of the mesh's own scalars,
+        the same at all times; if it has none, ``"viridis"`` and the range of all of these.
     interpolation : {"linear", "smooth"}
 
     Notes
@@ -234,7 +237,7 @@ class MorphTrack(_Track):
     Raises
     ------
     ValueError
-        If times or vertices are not such.
+        If times, vertices or scalars are not such, or neither is given.
     ImportError
         If SciPy is not installed, which the extra ``rasterjit[animation]`` brings.
     """
@@ -243,31 +246,40 @@ class MorphTrack(_Track):
         self,
         times: ArrayLike,
         mesh: Mesh,
-        vertices: ArrayLike,
+        vertices: ArrayLike | None = None,
         interpolation: Interpolation = "linear",
+        *,
+        scalars: ArrayLike | None = None,
     ) -> None:
         if not isinstance(mesh, Mesh):
             raise ValueError(f"mesh must be a Mesh, got {brief(mesh)}")
-        shapes = finite_array("vertices", vertices, (None, len(mesh.vertices), 3))
-        super().__init__(times, shapes, interpolation)
+        if vertices is None and scalars is None:
+            raise ValueError("vertices must be given where no scalars are")
+        keys = []
+        if vertices is not None:
+            keys.append(finite_array("vertices", vertices, (None, len(mesh.vertices), 3)))
+        if scalars is not None:
+            values = finite_array("scalars", scalars, (None, None))
+            if mesh.field is None:
+                mesh = mesh.with_scalars(values[0], range=(values.min(), values.max()))
+            count = 0 if mesh.field is None else len(mesh.field.values)
+            if values.shape[1] != count:
+                raise ValueError(
+                    f"scalars must have {count} columns, as the mesh has scalars, got "
+                    f"{values.shape[1]}"
+                )
+            keys.append(values)
+        super().__init__(times, list(zip(*keys, strict=True)), interpolation)
         self.mesh = mesh
-        self._curve = _make_curve(self.times, shapes, interpolation)
+        self._curves = [_make_curve(self.times, key, interpolation) for key in keys]
+        self._has_vertices = vertices is not None
 
     def __call__(self, time: float) -> Mesh:
-        """Return the mesh at a time, seconds, with the vertices of a key at its own time."""
+        """Return the mesh at a time, seconds, with the arrays of a key at its own time."""
         time, key = self._key_at(time)
-        mesh = self.mesh
-        morphed = Mesh(
-            self._curve(time) if key is None else key,
-            mesh.faces,
-            colors=mesh.vertex_colors,
-            uv=mesh.uv,
-            uv1=mesh.uv1,
-            attributes=mesh.vertex_attributes,
-            material=mesh.material,
-        )
-        copy_field(morphed, mesh)
-        return set_face_values(morphed, mesh.face_colors, mesh.face_attributes)
+        arrays = [curve(time) for curve in self._curves] if key is None else [*key]
+        mesh = replace_vertices(self.mesh, arrays.pop(0)) if self._has_vertices else self.mesh
+        return replace_scalars(mesh, arrays[0]) if arrays else mesh
 
 
 def _check_key_times(times: ArrayLike) -> Float64:

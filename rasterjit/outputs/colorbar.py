@@ -13,7 +13,7 @@ from rasterjit.io.text_layout import draw_text, measure_text_width
 from rasterjit.outputs.ticks import MAX_DIGITS, Ticks, make_ticks
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.scalar_field import ColorScale
-from rasterjit.scene.validation import index_below, one_of
+from rasterjit.scene.validation import brief, index_below, one_of
 
 PAPER, INK = (255, 255, 255), (0, 0, 0)
 """Colours of the background, and of text and lines."""
@@ -43,7 +43,18 @@ def find_scale(scales: Sequence[ColorScale | None], node: int | None) -> ColorSc
         if scale is None:
             raise ValueError(f"node must be one whose mesh has scalars, got {node}")
         return scale
-    present = [scale for scale in scales if scale is not None]
+    return merge_scales([scale for scale in scales if scale is not None])
+
+
+def merge_scales(present: Sequence[ColorScale]) -> ColorScale:
+    """
+    Return the scale of all of some, with the contours of all.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or they are several.
+    """
     if not present:
         raise ValueError("there is no colour bar: no mesh of the scene has scalars")
     if any(not scale.equals(present[0]) for scale in present):
@@ -80,6 +91,7 @@ def draw_colorbar(
     *,
     unit: str = "",
     extend: Extend | None = None,
+    font_size: int | None = None,
 ) -> NDArray[np.uint8]:
     """
     Draw the colour bar of a scale, the highest value on top, with contours as lines across it.
@@ -100,6 +112,8 @@ def draw_colorbar(
         Behind the note.
     extend : {"neither", "min", "max", "both"}, optional
         Which ends are arrows. Default: those that values lie beyond.
+    font_size : int, optional
+        Pixels. Default: a share of the height.
 
     Returns
     -------
@@ -108,7 +122,8 @@ def draw_colorbar(
     """
     from PIL import Image, ImageDraw
 
-    font_size = max(MIN_FONT_SIZE, round(FONT_SIZE_SHARE * height))
+    if font_size is None:
+        font_size = max(MIN_FONT_SIZE, round(FONT_SIZE_SHARE * height))
     bar, ticks = _fit_bar(scale, height, font_size, bool(title), unit, _find_arrows(scale, extend))
     # Find the width that the labels need.
     side_texts = [*ticks.texts, *(["NaN"] if scale.nan_color is not None else [])]
@@ -215,6 +230,13 @@ def _outline_bar(pen: Any, scale: ColorScale, bar: _Bar) -> None:
             corners = [(bar.left - 1, row), (bar.right, row), (middle, row + length)]
             pen.polygon(corners, fill=tuple(opaque_codes(color)[:3].tolist()), outline=INK)
     pen.rectangle((bar.left - 1, bar.top - 1, bar.right, bar.bottom), outline=INK)
+
+
+def read_bar_title(colorbar: bool | str) -> str:
+    """Return the title of a colour bar that is asked for by True or the title itself."""
+    if not isinstance(colorbar, (bool, str)):
+        raise ValueError(f"colorbar must be True, False or a title, got {brief(colorbar)}")
+    return colorbar if isinstance(colorbar, str) else ""
 
 
 def append_bar(picture: NDArray[np.uint8], bar: NDArray[np.uint8]) -> NDArray[np.uint8]:

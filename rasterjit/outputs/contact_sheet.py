@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.text_layout import draw_text
+from rasterjit.outputs.colorbar import append_bar, draw_colorbar, merge_scales, read_bar_title
 from rasterjit.outputs.frame import Frame, LayeredFrame
 from rasterjit.scene.color import ColorLike, linear_color, opaque_codes
+from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.validation import brief, index_below, sequence, strings
 
 if TYPE_CHECKING:
@@ -36,6 +38,8 @@ def grid(
     gap: int = 8,
     background: ColorLike = "white",
     font: str | os.PathLike[str] | None = None,
+    colorbar: bool | str = False,
+    unit: str = "",
 ) -> Image.Image:
     """
     Arrange pictures in rows, as a contact sheet.
@@ -54,7 +58,12 @@ def grid(
     background : color
         Of the sheet; also what transparent pixels show.
     font : str or path, optional
-        Of the labels, as `Label` takes it.
+        Of the labels and the bar, as `Label` takes it.
+    colorbar : bool or str
+        Whether the colour bar that all pictures share stands to the right of them; or its title.
+        They are frames then, and their scalars have one colormap, norm and range.
+    unit : str
+        Of the bar; see `Frame.colorbar`.
 
     Returns
     -------
@@ -64,7 +73,8 @@ def grid(
     Raises
     ------
     ValueError
-        If there is no picture, one is something else, or there are not as many labels.
+        If there is no picture, one is something else, there are not as many labels, or the pictures
+        have no colour bar in common.
 
     Examples
     --------
@@ -78,7 +88,8 @@ def grid(
 
     if isinstance(pictures, (Frame, Image.Image)):
         raise ValueError(f"pictures must be a sequence of pictures, got one, {brief(pictures)}")
-    images = [_to_rgba(picture, k) for k, picture in enumerate(sequence("pictures", pictures))]
+    given = list(sequence("pictures", pictures))
+    images = [_to_rgba(picture, k) for k, picture in enumerate(given)]
     if not images:
         raise ValueError("pictures must hold at least one, got none")
     if labels is not None:
@@ -117,7 +128,30 @@ def grid(
                 font=font,
             )  # fmt: skip
             sheet.paste(Image.fromarray(strip), (left, top + height))
-    return sheet
+    if colorbar is False:
+        return sheet
+    scale = join_scales(given)
+    title = read_bar_title(colorbar)
+    bar = draw_colorbar(scale, sheet.height, title, font, unit=unit, font_size=FONT_SIZE_PX)
+    return Image.fromarray(append_bar(np.asarray(sheet.convert("RGBA")), bar)).convert("RGB")
+
+
+def join_scales(frames: Iterable[Any]) -> ColorScale:
+    """Return the scale of the scalars of all frames, or raise ``ValueError`` without one."""
+    scales = []
+    for n, frame in enumerate(frames):
+        if not isinstance(frame, Frame):
+            raise ValueError(
+                f"colorbar must be False but for frames, got {brief(frame)} as number {n}"
+            )
+        scales += [one for one in frame.plan.facts.inventory.color_scales if one is not None]
+    try:
+        return merge_scales(scales)
+    except ValueError:
+        raise ValueError(
+            "colorbar must be False where frames have no scalars, or not one colormap, norm and "
+            "range for all: give them a range=(low, high)"
+        ) from None
 
 
 def _to_rgba(picture: Any, number: int) -> Image.Image:

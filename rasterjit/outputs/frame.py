@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
-from rasterjit.outputs.colorbar import Extend, append_bar, draw_colorbar, find_scale
+from rasterjit.outputs.colorbar import Extend, append_bar, draw_colorbar, find_scale, read_bar_title
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.output_table import OUTPUTS, IdOutput, OutputName, Outputs, is_attribute
 from rasterjit.scene import notebook_preview
@@ -491,10 +491,7 @@ class Frame(RenderedOutputs):
             self._output("color")
             outputs = "color"
         arrays = saving.select_arrays(self._outputs, outputs)
-        if not isinstance(colorbar, (bool, str)):
-            raise ValueError(
-                f"colorbar must be True, False or a title, got {check.brief(colorbar)}"
-            )
+        title = read_bar_title(colorbar)
         has_bar = colorbar is not False
         if has_bar and (not is_image or list(arrays) != ["color"]):
             raise ValueError(
@@ -502,7 +499,6 @@ class Frame(RenderedOutputs):
                 f"{check.short_repr(colorbar)}, {suffix} and outputs {', '.join(arrays)}"
             )
         if has_bar:
-            title = colorbar if isinstance(colorbar, str) else ""
             images.save_image(target, append_bar(self.color, self.colorbar(title)))
         elif suffix in saving.FORMATS:
             saving.save_outputs(target, arrays, scale=scale)

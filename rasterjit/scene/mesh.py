@@ -767,6 +767,43 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
             result._face_colors = check.read_only(result._field.colors())
         return result
 
+    def warp(self, displacements: str | ArrayLike, scale: float = 1.0) -> Mesh:
+        """
+        Return the mesh with its vertices moved, such as a part as it deforms under load.
+
+        Normals are averages over the faces around each vertex. Skins and morph targets, which move
+        vertices themselves, are not taken over.
+
+        Parameters
+        ----------
+        displacements : str, (V, 3) or (V,) array_like
+            How far each vertex moves, model space, scene units; with one number a vertex, along its
+            normal. Or the name of an attribute of vertices that holds them.
+        scale : float
+            What they are multiplied by, to be seen.
+
+        Raises
+        ------
+        ValueError
+            If they are neither, or not finite.
+
+        Examples
+        --------
+        >>> import rasterjit as rj
+        >>> mesh = rj.load("models/torus_knot.obj").nodes[0].mesh
+        >>> bent = mesh.warp(mesh.vertices[:, 1], scale=0.1)
+        """
+        moves: Any = displacements
+        if isinstance(displacements, str):
+            check.one_of("displacements", displacements, (*self._vertex_attributes,))
+            moves = self._vertex_attributes[displacements]
+        rows = len(self.vertices)
+        moves = check.number_array("displacements", moves)
+        if moves.shape in ((rows,), (rows, 1)):
+            moves = moves.reshape(rows, 1) * self.vertex_normals()
+        moves = check.finite_array("displacements", moves, (rows, 3))
+        return replace_vertices(self, self.vertices + check.finite_number("scale", scale) * moves)
+
     def _scalar_counts(self) -> tuple[int, int]:
         """Return the number of vertices and of faces, each of which may have scalars."""
         return len(self._vertices), len(self._faces)
@@ -952,6 +989,24 @@ def copy_field(mesh: Mesh, other: Mesh) -> Mesh:
     """Copy the scalars of a mesh of as many vertices and faces to a new mesh; return it."""
     mesh._field = other.field
     return mesh
+
+
+def replace_scalars(mesh: Mesh, values: Float64) -> Mesh:
+    """Return a mesh with other scalars in the place of its own, as many, by the same scale."""
+    assert mesh.field is not None
+    field = replace(mesh.field, values=check.read_only(np.array(values, np.float64)))
+    colors = {"_face_colors": check.read_only(field.colors())} if field.of_faces else {}
+    return mesh._with(_field=field, **colors)
+
+
+def replace_vertices(mesh: Mesh, vertices: Float64) -> Mesh:
+    """Return a mesh with other vertices, as many, and the normals of that shape."""
+    moved = Mesh(
+        vertices, mesh.faces, colors=mesh.vertex_colors, uv=mesh.uv, uv1=mesh.uv1,
+        attributes=mesh.vertex_attributes, material=mesh.material,
+    )  # fmt: skip
+    copy_field(moved, mesh)
+    return set_face_values(moved, mesh.face_colors, mesh.face_attributes)
 
 
 def set_face_scalars(mesh: Mesh, scalars: ArrayLike) -> Mesh:

@@ -236,6 +236,31 @@ def test_wrong_arguments_are_named_at_once(scene, renderer, change, message):
         playing_module.frames(**arguments)
 
 
+def test_frames_of_a_series_have_one_bar(tmp_path, renderer):
+    scene = rj.Scene()
+    node = scene.add(rj.Mesh(np.eye(3), [[0, 1, 2]], scalars=[0, 1, 2], range=(0, 5)))
+    track = animation.MorphTrack((0, 1), node.mesh, scalars=[[0, 1, 2], [3, 4, 5]])
+    frames = list(playing_module.frames(renderer, scene, (0, 0.5, 1), meshes={node: track}))
+    playing_module.save(frames, tmp_path / "a.gif", colorbar="Heat")
+    bar = frames[0].colorbar("Heat")
+    with Image.open(tmp_path / "a.gif") as read:
+        assert read.n_frames == 3
+        extra = read.width - renderer.size[0]
+        assert extra - bar.shape[1] == (bar.shape[1] + renderer.size[0]) % 2
+        for number in range(3):
+            read.seek(number)
+            shown = np.array(read.convert("RGB"))[:, renderer.size[0] :].astype(int)
+            assert np.abs(shown[:, : bar.shape[1]] - bar[..., :3]).mean() < 3.0
+    other = rj.render(node.mesh.with_scalars([0, 1, 2]), size=renderer.size, threads=1)
+    for wrong, words in (
+        ([*frames, other], "colorbar must be False where frames differ"),
+        ([frames[0].color], "colorbar must be False but for frames"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            playing_module.save(wrong, tmp_path / "b.gif", colorbar=True)
+    assert not (tmp_path / "b.gif").exists()
+
+
 def test_no_frames_at_all_are_refused(tmp_path):
     with pytest.raises(ValueError, match="frames must be an iterable of frames, got 5"):
         playing_module.save(5, tmp_path / "a.gif")

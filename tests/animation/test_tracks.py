@@ -152,6 +152,28 @@ def test_a_morph_keeps_colours_uv_and_material(cube):
     assert shape.material is material
 
 
+@pytest.mark.parametrize("of_faces", [False, True])
+def test_scalars_go_from_key_to_key_by_one_scale(cube, of_faces):
+    count = len(cube.faces if of_faces else cube.vertices)
+    values = np.array([np.zeros(count), np.arange(count), np.full(count, 3.0 * count)])
+    mesh = cube.with_scalars(values[1], "inferno", range=(-1, 2.5 * count), norm="symlog")
+    track = MorphTrack((0, 1, 3), mesh, scalars=values)
+    for time, wanted in ((0, values[0]), (1, values[1]), (2, (values[1] + values[2]) / 2)):
+        field = track(time).field
+        assert np.allclose(field.values, wanted, rtol=1e-12)
+        assert (field.range, field.norm, field.colormap) == (
+            mesh.field.range, mesh.field.norm, mesh.field.colormap,
+        )  # fmt: skip
+        assert np.array_equal(track(time).vertices, cube.vertices)
+        if of_faces:
+            assert np.array_equal(track(time).face_colors, field.colors())
+    both = MorphTrack((0, 1, 3), cube, [cube.vertices, cube.vertices, 2 * cube.vertices],
+                      scalars=values)(2)  # fmt: skip
+    assert np.allclose(both.vertices, 1.5 * cube.vertices)
+    assert both.field.range == (0.0, 3.0 * count)
+    assert both.field.colormap.name == "viridis"
+
+
 def test_one_key_is_enough(cube):
     camera = cameras()[0]
     assert CameraTrack((1.0,), (camera,))(5) == camera
@@ -185,6 +207,11 @@ def test_one_key_is_enough(cube):
         (lambda: TransformTrack((0,), [np.full((4, 4), math.nan)]), "transforms must be finite"),
         (lambda: TransformTrack((0,), [np.ones((4, 4))]), "last rows"),
         (lambda: MorphTrack((0,), "mesh", [[[0, 0, 0]]]), "mesh must be a Mesh"),
+        (lambda: MorphTrack((0,), rj.Mesh(np.eye(3), [[0, 1, 2]])), "vertices must be given"),
+        (
+            lambda: MorphTrack((0,), rj.Mesh(np.eye(3), [[0, 1, 2]]), scalars=[[1, 2]]),
+            "scalars must have",
+        ),
     ],
 )
 def test_what_is_no_track_is_refused(make, message):

@@ -379,6 +379,23 @@ def test_lines_and_points_of_pyvista_are_drawn_as_such():
     assert isinstance(only(pv.PointSet(CORNERS)), rj.Points)
 
 
+def test_streamlines_and_isosurfaces_of_pyvista_are_drawn_with_their_scalars():
+    pv = pytest.importorskip("pyvista")
+    field = pv.Wavelet().compute_derivative(gradient="slope")
+    lines = field.streamlines("slope", n_points=9, source_radius=8.0, max_length=40)
+    lines.set_active_scalars("RTData")
+    scene = rj.Scene()
+    scene.add(lines)
+    scene.add(field.contour([130.0, 200.0], scalars="RTData"))
+    shown = [node.mesh for node in scene.nodes]
+    assert [mesh.primitive for mesh in shown] == ["lines", "triangles"]
+    assert len(shown[0].vertices) == lines.n_points
+    assert np.array_equal(shown[0].field.values, lines["RTData"])
+    assert shown[1].field.range == pytest.approx((130.0, 200.0))
+    frame = rj.render(scene, size=(80, 60), outputs="object_id", threads=1)
+    assert {0, 1} <= set(np.unique(frame.object_id))
+
+
 def test_grids_of_pyvista_are_shown_by_their_surface_and_blocks_by_name():
     pv = pytest.importorskip("pyvista")
     grid = pv.ImageData(dimensions=(3, 3, 3))

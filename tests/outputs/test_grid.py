@@ -70,3 +70,29 @@ def test_sheet_is_nearly_square(count, columns):
 def test_bad_argument_is_named(given, told):
     with pytest.raises(ValueError, match=told):
         rj.grid(**given)
+
+
+def colored(scalars, **options):
+    mesh = rj.Mesh(np.eye(3), [[0, 1, 2]], scalars=scalars, **options)
+    return rj.render(mesh, size=(40, 90), threads=1)
+
+
+def test_small_multiples_have_one_bar():
+    frames = [colored([0, n, 4], range=(0, 3)) for n in range(4)]
+    plain = np.asarray(rj.grid(frames, 2, labels=list("abcd")))
+    barred = np.asarray(rj.grid(frames, 2, labels=list("abcd"), colorbar="Heat", unit="K"))
+    np.testing.assert_array_equal(barred[:, : plain.shape[1]], plain)
+    bar = barred[:, plain.shape[1] :]
+    assert bar.shape[1] > 20
+    # Its colours are those of the map, below the arrow for what is above 3.
+    column = bar[:, 13 + 5].astype(int)
+    inside = column[np.ptp(column, axis=1) > 0]
+    assert np.abs(inside[-1] - rj.Colormap("viridis").codes[0, :3]).max() < 3
+    for wrong, words in (
+        ([*frames, colored([0, 1, 2], range=(0, 2))], "one colormap, norm and"),
+        ([colored([1, 2, 3]).color], "colorbar must be False but for frames"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            rj.grid(wrong, colorbar=True)
+    with pytest.raises(ValueError, match="colorbar must be True, False or a title"):
+        rj.grid(frames, colorbar=3)

@@ -383,3 +383,28 @@ def test_colliding_hashes_do_not_merge_positions(monkeypatch):
     number, first = distinct_rows(np.array([4, 2, 1, 4, 3, 2, 1]), np.array([0, 0, 0, 0, 0, 1, 0]))
     assert number.tolist() == [0, 1, 2, 0, 3, 4, 2]
     assert first.tolist() == [0, 1, 2, 4, 5]
+
+
+def test_warped_vertices_move_by_vectors_or_along_normals(cube):
+    rng = np.random.default_rng(2)
+    moves = rng.normal(size=cube.vertices.shape)
+    mesh = Mesh(
+        cube.vertices, cube.faces, scalars=rng.random(len(cube.faces)), attributes={"u": moves},
+        uv=cube.vertices[:, :2], material=Material("flat"),
+    )  # fmt: skip
+    warped = mesh.warp(moves, 0.5)
+    assert np.allclose(warped.vertices, cube.vertices + 0.5 * moves, rtol=1e-15)
+    assert np.allclose(warped.vertices, mesh.warp("u", 0.5).vertices, atol=1e-6)
+    assert warped.field is mesh.field
+    assert np.array_equal(warped.face_colors, mesh.face_colors)
+    assert np.array_equal(warped.uv, mesh.uv)
+    assert warped.material is mesh.material
+    along = mesh.warp(np.full(len(cube.vertices), 2.0))
+    assert np.allclose(along.vertices, cube.vertices + 2.0 * mesh.vertex_normals())
+    for wrong, words in (
+        (np.ones((2, 3)), "displacements must have shape"),
+        ([np.nan] * len(cube.vertices), "displacements must be finite"),
+        ("v", "displacements must be one of 'u'"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            mesh.warp(wrong)
