@@ -18,6 +18,7 @@ from rasterjit.outputs import save as saving
 from rasterjit.outputs.colorbar import Extend, append_bar, draw_colorbar, find_scale, read_bar_title
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.output_table import OUTPUTS, IdOutput, OutputName, Outputs, is_attribute
+from rasterjit.outputs.scale_bar import draw_scale_bar
 from rasterjit.scene import notebook_preview
 from rasterjit.scene import validation as check
 from rasterjit.scene.hooks import call_higher_level
@@ -596,6 +597,53 @@ class Frame(RenderedOutputs):
         if not isinstance(unit, str):
             raise ValueError(f"unit must be a text, got {check.brief(unit)}")
         return draw_colorbar(scale, self.plan.size[1], title, font, unit=unit, extend=extend)
+
+    def scale_bar(
+        self, unit: str = "", *, per_unit: float = 1.0, depth: float | None = None,
+        arrow: bool = False, font: str | os.PathLike[str] | None = None,
+    ) -> NDArray[np.uint8]:  # fmt: skip
+        """
+        Draw a bar of a round length with its text, on a strip as wide as the frame.
+
+        Parameters
+        ----------
+        unit : str
+            Stands behind the number.
+        per_unit : float
+            Scene units a unit of the number: 0.001 for millimetres where the scene is in metres;
+            the ``scale`` of `Arrows` for the length of their vectors.
+        depth : float, optional
+            Distance along the viewing axis at which it is right, scene units. Needed where the
+            camera has a perspective; without, the scale is the same all over.
+        arrow : bool
+            Whether it is an arrow, as a key to vectors.
+        font : str or path, optional
+            Of the text, as `Label` takes it.
+
+        Returns
+        -------
+        (H, W, 4) uint8
+            sRGB, black on white.
+
+        Raises
+        ------
+        ValueError
+            If a number is not above 0, ``depth`` is missing, or the camera is a lens.
+
+        Examples
+        --------
+        >>> import rasterjit as rj
+        >>> scene = rj.load("models/teapot.obj")
+        >>> camera = rj.fit_camera(scene, projection="orthographic")
+        >>> frame = rj.render(scene, camera, size=(320, 240))
+        >>> sheet = rj.grid([frame, frame.scale_bar("cm")], 1, gap=0)
+        """
+        if not isinstance(unit, str):
+            raise ValueError(f"unit must be a text, got {check.brief(unit)}")
+        return draw_scale_bar(
+            self.plan.camera, self.plan.size, unit, check.positive_number("per_unit", per_unit),
+            depth, check.boolean("arrow", arrow), font,
+        )  # fmt: skip
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """

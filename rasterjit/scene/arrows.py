@@ -27,8 +27,8 @@ MIN_SIDES, MAX_SIDES = 3, 256
 FACES_PER_SIDE = 6
 """Faces for each side: foot 1, shaft 2, base of the cone 2, cone 1."""
 
-MAX_HEAD_LENGTH = 0.95
-"""Longest head, as a share of the arrow's length."""
+MAX_HEAD_LENGTH = 1.0
+"""Longest head, as a share of the arrow's length: a cone."""
 
 MIN_HEAD_LENGTHS = 2.0
 """Least length of an arrow in lengths of its head; shorter arrows are scaled down."""
@@ -55,9 +55,9 @@ class Arrows(Mesh):
         Radius of the shaft, radius and length of the cone; above 0. The cone is at least as wide as
         the shaft.
     unit : {"length", "world"}
-        What these are in: shares of each arrow's length (then the head is at most 0.95 long), or
-        scene units, the same for all arrows. In scene units, arrows shorter than two heads are
-        thinner, with shorter heads, in proportion.
+        What these are in: shares of each arrow's length (with a head of 1 they are cones), or scene
+        units, the same for all arrows. In scene units, arrows shorter than two heads are thinner,
+        with shorter heads, in proportion.
     sides : int
         Of the shaft and the cone, 3..256.
     colors : colour or (N, 3|4) array_like, optional
@@ -113,7 +113,7 @@ class Arrows(Mesh):
             raise ValueError(
                 f"vectors must have one row per position ({len(starts)}), got {len(vectors_array)}"
             )
-        scale = check.positive_number("scale", scale)
+        scale = self._scale = check.positive_number("scale", scale)
         measures = _check_radii(
             shaft_radius, head_radius, head_length, check.one_of("unit", unit, ARROW_UNITS)
         )
@@ -144,6 +144,11 @@ class Arrows(Mesh):
     def faces_per_arrow(self) -> int:
         """How many faces each arrow has: face f belongs to arrow ``f // faces_per_arrow``."""
         return FACES_PER_SIDE * self._sides
+
+    @property
+    def scale(self) -> float:
+        """How long a vector of length 1 is, scene units."""
+        return self._scale
 
     @property
     def dropped(self) -> int:

@@ -177,7 +177,7 @@ def test_tiny_and_huge_vectors_have_directions():
         ({"sides": 8.0}, r"sides must be a whole number in 3\.\.256, got 8\.0"),
         ({"unit": "pixel"}, "unit must be one of 'length', 'world'; got 'pixel'"),
         ({"shaft_radius": 0.2}, r"head_radius must be at least shaft_radius, 0\.2, got 0\.1"),
-        ({"head_length": 1.0}, r"head_length must be at most 0\.95 of an arrow's length, got 1\.0"),
+        ({"head_length": 1.1}, r"head_length must be at most 1 of an arrow's length, got 1\.1"),
         ({"head_length": -1}, "head_length must be above 0, got -1"),
         ({"colors": np.zeros((3, 3))}, r"colors must be one colour or one per arrow \(4\), got 3"),
         ({"scalars": [1.0]}, r"scalars must be one number per arrow \(4\)"),
@@ -194,3 +194,12 @@ def test_an_arrow_needs_two_points():
         rj.Arrow((1, 2, 3), (1, 2, 3))
     with pytest.raises(ValueError, match="start must be finite"):
         rj.Arrow((math.inf, 2, 3), (1, 2, 3))
+
+
+def test_a_head_as_long_as_the_arrow_is_a_cone():
+    cone = rj.Arrows([[1, 0, 0]], [[0, 0, 3]], head_length=1.0, head_radius=0.25, sides=256)
+    solid = cone.to_trimesh()
+    solid.update_faces(solid.area_faces > 0.0)
+    solid.merge_vertices(merge_norm=True, merge_tex=True)
+    assert solid.is_watertight
+    assert solid.volume == pytest.approx(np.pi * 0.75**2 * 3 / 3, rel=1e-3)
