@@ -7,6 +7,7 @@ Settings of the site: ``python -m sphinx -W --keep-going -n -b html docs build/s
 from __future__ import annotations
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 from numpydoc.xref import DEFAULT_LINKS
@@ -38,6 +39,7 @@ default_role = "py:obj"  # What docstrings put between single backticks.
 myst_heading_anchors = 4
 """Headings down to this level are anchors, named as GitHub names them."""
 
+autodoc_mock_imports = [name for name in ("mujoco", "pybullet") if find_spec(name) is None]
 autodoc_typehints = "none"  # Docstrings tell the types, with shapes and units.
 autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"

@@ -6,9 +6,11 @@ Pictures of MuJoCo's models against formulas: boxes, spheres, planes and numbers
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from rasterjit.compat import mujoco as drawn  # noqa: E402
 from rasterjit.compat.mujoco import model_scene  # noqa: E402
 from rasterjit.compat.unit_shapes import make_unit_shape  # noqa: E402
 
+PAGE = Path(__file__).parents[2] / "docs/coming_from/mujoco.md"
 HEIGHT, WIDTH = 60, 80
 CAMERA = '<camera name="front" pos="0 -4 2" xyaxes="1 0 0 0 0.5 1" fovy="50"/>'
 
@@ -616,3 +619,15 @@ def test_an_older_mujoco_is_refused():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "need MuJoCo 3.17 or later" in done.stderr
     assert "(found 3.3.0)" in done.stderr
+
+
+def test_the_programs_of_the_page_run(monkeypatch, capsys, tmp_path):
+    pytest.importorskip("gymnasium", reason="gymnasium is not installed")
+    monkeypatch.chdir(tmp_path)
+    environments, worlds = re.findall(r"```py\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    for program in (environments.replace("1000", "20"), worlds.replace("(100)", "(3)")):
+        exec(program, {})
+    told = capsys.readouterr().out
+    assert "Humanoid-v5 20 pictures (128, 128, 3)" in told
+    assert "(64, 84, 84, 3) uint8" in told
+    assert {path.stem for path in tmp_path.glob("*.gif")} == {"Humanoid-v5", "HalfCheetah-v5"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import os
@@ -24,6 +25,8 @@ MODULES = (
     "dataset.bop",
 )  # fmt: skip
 """Public modules, below ``rasterjit``."""
+NEED_OTHERS = "compat/mujoco", "compat/pybullet"
+"""Folders of public modules that cannot be imported where another package is missing."""
 OF_THEIR_OWN = {
     "rasterjit.scene.environment.Panorama",
     "rasterjit.scene.environment.SkyGradient",
@@ -49,6 +52,11 @@ def test_every_public_name_is_on_one_page_of_the_reference():
     for name in MODULES:
         module = importlib.import_module(f"rasterjit.{name}")
         expected |= {f"rasterjit.{name}.{one}" for one in public_names(module)}
+    for folder in NEED_OTHERS:
+        text = (ROOT / f"rasterjit/{folder}/__init__.py").read_text("utf-8")
+        (listed,) = re.findall(r"^__all__ = (\[.*?\])$", text, re.M | re.S)
+        place = folder.replace("/", ".")
+        expected |= {f"rasterjit.{place}.{one}" for one in ast.literal_eval(listed)}
     entries = Counter()
     for page in (ROOT / "docs/reference").glob("*.rst"):
         names = re.findall(r"^\.\. auto(?!module)\w+:: ([\w.]+)", page.read_text("utf-8"), re.M)

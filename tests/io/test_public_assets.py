@@ -57,7 +57,7 @@ REFUSED = {
 
 def look_up(table, path):
     """Return the words of a table for a file."""
-    return next((words for part, words in table.items() if part in str(path)), None)
+    return next((words for part, words in table.items() if part in path.as_posix()), None)
 
 
 @functools.cache

@@ -239,7 +239,7 @@ class ModelScene(Scene):
         return self._matrices
 
     def make_camera(self, size: tuple[int, int]) -> MatrixCamera:
-        """Return the current camera for a picture of a size; before `mj_forward` along -z."""
+        """Return the current camera for a picture of a size; before ``mj_forward`` along -z."""
         one, other = self._geom_scene.camera
         camera = mujoco.mjv_averageCamera(one, other)
         forward, up, eye = (part.tolist() for part in (camera.forward, camera.up, camera.pos))

@@ -55,7 +55,7 @@ PIXEL_TYPES: dict[Mode, tuple[tuple[int, ...], type]] = {
 
 class Renderer:
     """
-    Renders a model's scenes of one size: `mujoco.Renderer` without OpenGL.
+    Renders a model's scenes of one size: ``mujoco.Renderer`` without OpenGL.
 
     Parameters
     ----------
