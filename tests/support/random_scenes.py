@@ -267,7 +267,7 @@ def with_material(**fields):
 
 def with_scalars(random, scene, camera):
     points, normals, faces = shape(random)
-    lines = {"contours": 3} if chance(random, 0.5) else {}
+    lines = {"contours": 3} if chance(random, 0.5) else {"norm": "symlog"}
     mesh = rj.Mesh(
         points, faces, normals=normals, scalars=random.uniform(size=len(points)), **lines,
         material=rj.Material(str(random.choice(SHADINGS))),

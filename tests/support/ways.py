@@ -205,7 +205,7 @@ def mixed_scene():
     quad = rj.Mesh(
         [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [(0, 1, 2), (0, 2, 3)],
         uv=[(0, 0), (1, 0), (1, 1), (0, 1)], material=rj.Material(base_color_texture=texture),
-        scalars=[1, 2, 5, np.nan], contours=2,
+        scalars=[1, 2, 5, np.nan], contours=2, norm="log",
     )  # fmt: skip
     made.add(quad, rj.transforms.translate((-1.2, 0.0, -1.0)))
     return made
