@@ -366,15 +366,20 @@ def test_casts_shadow_says_what_casts_them():
     scene.lights = [rj.DirectionalLight((0.2, -1, 0), shadow=rj.Shadow(filter="hard"))]
     camera = rj.PerspectiveCamera((0.0, 3.0, 5.0), (0.0, 0.0, 0.0))
     mesh, lit = scene.nodes[1].mesh, {}
-    for name, fields in (
-        ("opaque", {}), ("none", {"casts_shadow": False}),
-        ("clear", {"alpha_mode": "blend", "base_color": (1, 1, 1, 0.5), "casts_shadow": True}),
-    ):  # fmt: skip
-        mesh.material = replace(rj.Material(), **fields)
-        frame = rj.render(scene, camera, size=SIZE, outputs=("linear", "object_id"))
-        lit[name] = np.where(frame.object_id == 0, frame.linear[..., 0], 0.0)
-    is_darker = lit["opaque"] < 0.5 * lit["none"]
-    assert is_darker.sum() > 50
+    clear = {"alpha_mode": "blend", "base_color": (1, 1, 1, 0.5)}
+    with rj.Renderer(SIZE) as renderer:
+        for name, fields in (
+            ("opaque", {}), ("none", {"casts_shadow": False}), ("none", clear),
+            ("clear", {**clear, "casts_shadow": True}), ("opaque", {}),
+        ):  # fmt: skip
+            mesh.material = replace(rj.Material(), **fields)
+            for _ in range(3):
+                frame = renderer.render(scene, camera, outputs=("linear", "object_id"))
+            fresh = rj.render(scene, camera, size=SIZE, outputs=("linear",))
+            assert frame.linear.tobytes() == fresh.linear.tobytes()
+            on_ground = np.where(frame.object_id == 0, frame.linear[..., 0], 0.0)
+            assert (lit.setdefault(name, on_ground) == on_ground).all()
+    assert (lit["opaque"] < 0.5 * lit["none"]).sum() > 50
     # Maps are fitted to what is seen, which is more behind what is clear.
     assert (lit["clear"] != lit["opaque"]).sum() <= 5
 

@@ -128,7 +128,6 @@ CHANGES = {
     "light on vertices": lambda s, a: material(s, 0, shading="gouraud", specular=0.7),
     "facets": lambda s, a: material(s, 0, shading="pbr"),
     "emission": lambda s, a: material(s, 0, emissive=(0.5, 0.0, 0.0)),
-    "no shadow": lambda s, a: material(s, 0, casts_shadow=False),
     "one side": lambda s, a: material(s, 0, double_sided=False),
     # What lights it.
     "brighter": lambda s, a: light(s, 0, intensity=44.0),

@@ -245,7 +245,7 @@ class ModelScene(Scene):
         forward, up, eye = (part.tolist() for part in (camera.forward, camera.up, camera.pos))
         right = cross(forward, up)
         if not any(right):
-            right, forward, up = [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]
+            right, forward, up = (1.0, 0.0, 0.0), [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]
         backward = [-part for part in forward]
         view = np.eye(4)
         for row, axis in enumerate((right, cross(right, forward), backward)):

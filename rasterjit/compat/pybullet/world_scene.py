@@ -494,7 +494,7 @@ def _load_pieces(path: Path, changed: int) -> list[tuple[Mesh, Float64, Texture 
     return pieces
 
 
-def _complete_uv(uv: Float64 | None, count: int) -> Float64:
+def _complete_uv(uv: NDArray[Any] | None, count: int) -> NDArray[Any]:
     """Return texture coordinates, (V, 2); a mesh without shows the middle of textures."""
     return np.full((count, 2), 0.5) if uv is None else uv
 
