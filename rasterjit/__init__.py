@@ -21,7 +21,7 @@ What is drawn
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `EyeDome`, `Outline`,
     `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene, which a `SectionPlane` cuts
-    open.
+    open; `cross_section` measures the cut (`CrossSection`).
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
     and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
@@ -82,6 +82,7 @@ _HOMES = {
     "classics.framebuffer": "Framebuffer",
     "classics.pipeline": "ClassicPipeline",
     "distributed.frames": "render_many",
+    "inspect.cross_section": "CrossSection cross_section",
     "inspect.pixel": "explain_pixel",
     "inspect.pixel_report": "PixelExplanation",
     "inspect.profile": "FrameProfile profile",

@@ -5,6 +5,7 @@ from rasterjit import types as types
 from rasterjit.classics.framebuffer import Framebuffer
 from rasterjit.classics.pipeline import ClassicPipeline
 from rasterjit.distributed.frames import render_many
+from rasterjit.inspect.cross_section import CrossSection, cross_section
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.inspect.profile import FrameProfile, profile
@@ -79,6 +80,7 @@ __all__ = [
     "ClassicPipeline",
     "Colormap",
     "Contours",
+    "CrossSection",
     "Diagnostics",
     "DirectionalLight",
     "Environment",
@@ -134,6 +136,7 @@ __all__ = [
     "accuracy",
     "animation",
     "cameras",
+    "cross_section",
     "dataset",
     "distributed",
     "explain",

@@ -700,6 +700,8 @@ ELSEWHERE = {
     "SaveWarning": "a warning of Scene.save; tests/io hold it",
     "QualityChoice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
+    "cross_section": "it cuts as render does; its tests refuse bad input",
+    "CrossSection": "what cross_section returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
     "LayeredFrame": "what render_layers returns",
     "PickedPixel": "what Frame.pick returns; tests/outputs/test_picking.py refuses bad input",
