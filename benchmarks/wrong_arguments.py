@@ -233,6 +233,7 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         "aspect": lambda: 1.0, "left": lambda: -1.0, "right": lambda: 1.0, "bottom": lambda: -1.0,
         "top": lambda: 1.0, "offset": lambda: (0.0, 0.0, 0.0), "factors": lambda: (1.0, 1.0, 1.0),
         "weights": lambda: np.ones((1, 1)), "seconds": lambda: 1.0,
+        "cross_section.plane": lambda: rj.SectionPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
         "masks.decompress.text": lambda: "4", "rle": lambda: {"size": [2, 2], "counts": "4"},
         "mask": lambda: np.ones((2, 2), bool),
         "partitions": lambda: [mesh()], "rows": lambda: np.array([0, 1]),

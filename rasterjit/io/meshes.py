@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard, get_args
 
@@ -62,7 +63,7 @@ AMBIGUOUS_SUFFIXES = (".xml", ".dat", ".node")
 
 def mesh_files(folder: str | Path) -> list[Path]:
     """
-    Return all files below a folder with one of ``mesh_suffixes``, in the order of their names.
+    Return all files below a folder whose names are those of meshes, in the order of their names.
 
     Hidden files and folders are left out, and ``.xml``, ``.dat`` and ``.node``: such names have
     many files that are no meshes, or are a part of one.
@@ -73,24 +74,13 @@ def mesh_files(folder: str | Path) -> list[Path]:
         If there is no such folder.
     """
     top = existing_folder("folder", folder).resolve()
-    suffixes = mesh_suffixes()
     meshes = []
     for root, folders, files in os.walk(top):
         folders[:] = [name for name in folders if not name.startswith(".")]
         for name in files:
-            if not name.startswith(".") and Path(name).suffix.lower() in suffixes:
+            if not name.startswith(".") and _is_mesh_suffix(Path(name).suffix.lower()):
                 meshes.append(Path(root, name))
     return sorted(meshes, key=lambda file: file.relative_to(top).as_posix())
-
-
-def mesh_suffixes() -> frozenset[str]:
-    """Return the extensions that always mean a mesh, with a dot."""
-    from trimesh.exchange.load import mesh_formats
-
-    extensions = (*mesh_formats(), *GLTF_FORMATS, "3mf")
-    return frozenset((*(f".{name}" for name in extensions), *EXTRA_SUFFIXES)).difference(
-        AMBIGUOUS_SUFFIXES
-    )
 
 
 OnDamage: TypeAlias = Literal["error", "warn"]
@@ -102,6 +92,36 @@ BUILTIN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *XYZ_FORMATS)
 
 EXTRA_MODULES = ("lxml", "networkx", "collada", "svg", "ezdxf")
 """Modules that the extra ``rasterjit[formats]`` brings."""
+
+_OWN_SUFFIXES = frozenset(
+    (".3mf", ".obj", ".off", ".ply", ".stl", ".xyz", *(f".{name}" for name in GLTF_FORMATS),
+     *EXTRA_SUFFIXES)
+)  # fmt: skip
+"""Extensions of meshes that are known without trimesh."""
+
+_NO_MESH_SUFFIXES = frozenset(
+    ("", ".bin", ".bmp", ".csv", ".html", ".jpeg", ".jpg", ".json", ".log", ".md", ".mtl", ".pdf",
+     ".png", ".py", ".rst", ".sh", ".tga", ".tif", ".tiff", ".toml", ".txt", ".webp",
+     ".yaml", ".yml", ".zip", *AMBIGUOUS_SUFFIXES)
+)  # fmt: skip
+"""Extensions of what often lies beside meshes: trimesh, which takes a second to import, is not
+asked about them."""
+
+
+def _is_mesh_suffix(suffix: str) -> bool:
+    """Tell whether an extension, with its dot, always means a mesh."""
+    if suffix in _OWN_SUFFIXES or suffix in _NO_MESH_SUFFIXES:
+        return suffix in _OWN_SUFFIXES
+    return suffix[1:] in _trimesh_formats()
+
+
+@cache
+def _trimesh_formats() -> frozenset[str]:
+    """Return the formats that trimesh reads."""
+    from trimesh.exchange.load import mesh_formats
+
+    return frozenset(mesh_formats())
+
 
 _Z_UP_FORMATS = ("3mf", "urdf", *LAS_FORMATS)
 """Formats that define z as up."""

@@ -103,10 +103,6 @@ MAX_FIRST_ERROR_RATIO = 1.75
 """Largest ratio, either way, of the error of a quality of one sample to its difference from the
 mean of 4 pictures, the first: of 32 pictures none had more than 1.65."""
 
-MAX_FACES_PER_PIXEL = 0.25
-"""Faces for each pixel up to which the areas that they show are found in the time of 64 pictures
-or less."""
-
 REFERENCE_PICTURES = int(Quality.reference().samples)
 """Pictures of the reference."""
 
@@ -489,9 +485,8 @@ def draw_within_error(bound: float, draw: Draw, refined: Iterator[Frame], sweep:
             continue
         latest = draw(quality)
         undecided.append(latest)
-        shows_areas = not latest.plan.facts.transparency.used and (
-            latest.stats.drawn <= MAX_FACES_PER_PIXEL * math.prod(latest.plan.size)
-        )
+        # Areas of many faces for each pixel take at most 2.5 times as long as 64 pictures.
+        shows_areas = not latest.plan.facts.transparency.used
         pictures, last = PICTURES_COMPARED[quality]
         # Before a quality that is many times slower, none may be left undecided.
         while pictures <= last and undecided:

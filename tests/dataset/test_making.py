@@ -19,7 +19,8 @@ from rasterjit.cli import commands
 from rasterjit.dataset import dataset_builder
 from rasterjit.dataset import recipe as recipes
 from rasterjit.dataset.recipe import Recipe, view_cameras
-from rasterjit.io.meshes import mesh_files, mesh_suffixes
+from rasterjit.io import meshes as mesh_loading
+from rasterjit.io.meshes import mesh_files
 from rasterjit.outputs import masks
 from rasterjit.rendering import batch, batch_scheduler, renderer_pool
 from rasterjit.rendering.view_warnings import ViewWarning
@@ -606,6 +607,14 @@ def test_a_data_set_inside_the_folder_of_meshes_is_not_taken_for_one(tmp_path):
     )
 
 
-def test_files_that_need_an_extra_are_not_passed_over():
-    assert {".dae", ".3mf", ".obj", ".stl", ".glb"} <= mesh_suffixes()
-    assert not {".json", ".zip", ".png", ".mtl"} & mesh_suffixes()
+def test_trimesh_is_asked_only_about_names_that_are_not_known(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(mesh_loading, "_trimesh_formats", lambda: asked.append(1) or {"vtk"})
+    for suffix in (".dae", ".3mf", ".OBJ", ".stl", ".glb", ".json", ".zip", ".png", ".mtl", ""):
+        (tmp_path / f"a{suffix}").touch()
+    found = [file.suffix for file in mesh_files(tmp_path)]
+    assert found == [".3mf", ".OBJ", ".dae", ".glb", ".stl"]
+    assert not asked
+    (tmp_path / "b.vtk").touch()
+    assert mesh_files(tmp_path)[-1].name == "b.vtk"
+    assert asked

@@ -288,15 +288,15 @@ def test_the_dial_follows_a_machine_that_slows_down_and_recovers():
     assert frames[-1].choice.quality == LADDER[3]
 
 
-def flat(value, pictures=1, quality=None, faces=0, blends=False):
-    """Return a frame of a light that is told, of so many faces."""
+def flat(value, pictures=1, quality=None, blends=False):
+    """Return a frame of a light that is told."""
     light = np.full((64, 64, 4), value, np.float32)
     facts = types.SimpleNamespace(transparency=types.SimpleNamespace(used=blends))
     plan = types.SimpleNamespace(
         effects_at=lambda place: [], background=(1.0, 1.0, 1.0, 1.0), size=(64, 64),
         pictures=pictures, facts=facts, quality=quality,
     )  # fmt: skip
-    stats = types.SimpleNamespace(seconds={"shade": 0.5, "compile": 3.0}, drawn=faces)
+    stats = types.SimpleNamespace(seconds={"shade": 0.5, "compile": 3.0})
     return types.SimpleNamespace(linear=light, plan=plan, stats=stats, choice=None)
 
 
@@ -337,9 +337,8 @@ def test_the_fastest_quality_that_is_near_enough_is_drawn(bound, step, pictures)
     assert counts[-1] == pictures
 
 
-@pytest.mark.parametrize("options", [{"blends": True}, {"faces": 64 * 64}])
-def test_areas_are_not_found_of_blended_or_very_many_faces(options):
-    frame, drawn, _ = chosen_within(0.004, **options)
+def test_areas_are_not_found_of_blended_faces():
+    frame, drawn, _ = chosen_within(0.004, blends=True)
     assert frame.choice.quality == ERROR_LADDER[-1]
     assert "area" not in {quality.samples for quality in drawn}
 
