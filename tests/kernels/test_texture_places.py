@@ -47,6 +47,7 @@ from rasterjit.rendering.pass_runner import BLOCK, THREAD_BLOCK
 from rasterjit.rendering.planning import list_passes
 from rasterjit.rendering.regions import Region, RegionRenderer
 from rasterjit.runtime import threads
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.stage_runner import StageList, Step
 from rasterjit.runtime.state_block import float32, float64
@@ -84,8 +85,9 @@ def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
                 column, row = np.int64(whole[COLUMN, first]), np.int64(whole[ROW, first])
             ends = read_vertex_uvs(uv, a, b, c)
             uv_interpolation.interpolate_uv_exactly(
-                first, end, (a, b, c), ends, column, row, block.uv_rows, geometry
-            )
+                part(block.uv_rows, U, first, end), part(block.uv_rows, V, first, end),
+                end - first, (a, b, c), ends, column, row, geometry,
+            )  # fmt: skip
 
 
 @stage
@@ -300,8 +302,8 @@ def test_regions_and_threads_change_no_bit():
     three = rj.render(scene, CAMERA, size=size, outputs=("linear",), threads=3).linear
     assert three.tobytes() == whole.tobytes()
     with RegionRenderer(scene, CAMERA, size=size, outputs=("linear",)) as renderer:
-        part = renderer.render_region(Region(64, 64, 101, 83)).linear
-    assert part.tobytes() == np.ascontiguousarray(whole[64:147, 64:165]).tobytes()
+        region = renderer.render_region(Region(64, 64, 101, 83)).linear
+    assert region.tobytes() == np.ascontiguousarray(whole[64:147, 64:165]).tobytes()
 
 
 def is_quick(scene, **quality):
