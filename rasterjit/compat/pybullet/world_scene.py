@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -267,7 +267,7 @@ class WorldScene(Scene):
                     bool(flags & pybullet.VISUAL_SHAPE_DOUBLE_SIDED) or is_soft,
                 )  # fmt: skip
                 copies = spare.get(id(mesh))
-                shown = copies.pop() if copies else copy.copy(mesh)
+                shown = copies.pop() if copies else _copy_mesh(mesh)
                 shown.material = material
                 parts.append(Part(shown, mesh, local @ matrix, link))
         links = sorted({part.link for part in parts} - {BASE})
@@ -406,6 +406,14 @@ def _make_pose_between(start: Float64, end: Float64) -> Float64:
 
 
 # Meshes, textures and materials.
+
+
+def _copy_mesh(mesh: Mesh) -> Mesh:
+    """Return a copy that shares what is found of a mesh once."""
+    mesh._faces_to_draw()
+    with suppress(ValueError):  # Without faces it has no bounds.
+        mesh.bounds()
+    return mesh._with()
 
 
 def _make_mesh(surface: Triangulation) -> Mesh:
