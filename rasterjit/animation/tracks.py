@@ -16,14 +16,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import camera_fitting, transforms
 from rasterjit.scene.attribute_guard import Guarded
-from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera, mirrors
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.mesh import Mesh, replace_scalars, replace_vertices
 from rasterjit.scene.scene import Scene
@@ -195,7 +195,7 @@ class TransformTrack(_Track):
         for matrix in matrices:
             rotation, stretch = polar(matrix[:3, :3])
             # A reflection goes into the stretch.
-            sign = np.sign(_determinant(rotation))
+            sign = -1.0 if mirrors(rotation) else 1.0
             rotations.append(sign * rotation)
             stretches.append(sign * stretch)
         self._rotation = _make_rotation_curve(self.times, np.array(rotations), interpolation)
@@ -317,11 +317,6 @@ def _make_rotation_curve(times: Float64, rotations: Float64, interpolation: Inte
     return lambda time: curve(time).as_matrix()
 
 
-def _determinant(matrix: Float64) -> float:
-    """Return the determinant of a (3, 3) matrix."""
-    return float(np.cross(matrix[0], matrix[1]) @ matrix[2])
-
-
 def _import_scipy(name: str) -> Any:
     """Import a module of SciPy, or raise ``ImportError`` naming what to install."""
     from importlib import import_module
@@ -400,17 +395,6 @@ def turntable(
     return camera_at
 
 
-class _BoundingSphere(NamedTuple):
-    """A bounding sphere that was measured once."""
-
-    center: NDArray[np.float64]
-    radius: float
-
-    def bounding_sphere(self) -> tuple[NDArray[np.float64], float]:
-        """Return the centre, (3,), and the radius in world space."""
-        return self.center, self.radius
-
-
 def _measure_animation(scene: Bounded, animation: Any) -> Bounded:
     """Return a sphere around a scene at all times of an animation, measured at some of them."""
     if not isinstance(scene, Scene):
@@ -425,9 +409,9 @@ def _measure_animation(scene: Bounded, animation: Any) -> Bounded:
     radius = max(
         float(np.sqrt(np.square(center - middle).sum())) + radius for center, radius in spheres
     )
-    return _BoundingSphere(middle, radius)
+    return camera_fitting.BoundingSphere(camera_fitting.to_triple(middle), radius)
 
 
 def measure_sphere(scene: Bounded) -> Bounded:
     """Measure the bounding sphere of a scene, or of anything else to draw, once."""
-    return _BoundingSphere(*camera_fitting.as_bounded(scene).bounding_sphere())
+    return camera_fitting.BoundingSphere(*camera_fitting.as_bounded(scene).bounding_sphere())

@@ -212,13 +212,8 @@ class Orbit:
             return self.zoom(factor, (event["x"], event["y"]), size, depth)
         if kind not in ("pointer_down", "pointer_move", "pointer_up"):
             return self
-        point = float(event["x"]), float(event["y"])
-        if kind == "pointer_down":
-            is_pan = event.get("button") in (2, 3) or "Shift" in event.get("modifiers", ())
-            return replace(self, drag="pan" if is_pan else "turn", pointer=point)
-        # A release may come without the last move.
-        dx, dy = point[0] - self.pointer[0], point[1] - self.pointer[1]
-        state = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=point)
+        is_pan = event.get("button") in (2, 3) or "Shift" in event.get("modifiers", ())
+        state, dx, dy = _follow_pointer(self, event, "pan" if is_pan else "turn")
         if self.drag == "turn":
             share = DEGREES_PER_HEIGHT / size[1]
             return state.turn(-dx * share, dy * share)
@@ -236,10 +231,8 @@ class Orbit:
 
     def camera(self) -> PerspectiveCamera:
         """Return the current camera; its near plane is before the scene or near the eye."""
-        frame = rotate_y_to(self.up)
         target, distance, azimuth, elevation = self.pose
-        toward = to_triple(transforms.apply(frame, orbit_direction(azimuth, elevation)))
-        upward = to_triple(transforms.apply(frame, orbit_direction(azimuth, elevation + 90.0)))
+        _, upward, toward = _compute_axes(self.up, azimuth, elevation)
         eye = move_by(target, toward, distance)
         return make_camera_at(eye, target, upward, self.fov_y, self.ball)
 
@@ -369,13 +362,7 @@ class Orbit:
 
     def _axes(self) -> tuple[Vector, Vector, Vector]:
         """Return right, up and the direction from target to eye, at the goal, world space."""
-        frame = rotate_y_to(self.up)
-        azimuth, elevation = self.goal.azimuth, self.goal.elevation
-        upward, toward = (
-            to_triple(transforms.apply(frame, orbit_direction(azimuth, angle)))
-            for angle in (elevation + 90.0, elevation)
-        )
-        return cross(upward, toward), upward, toward
+        return _compute_axes(self.up, self.goal.azimuth, self.goal.elevation)
 
     def _get_distance_range(self) -> tuple[float, float]:
         """Return the range of distances."""
@@ -460,12 +447,7 @@ class Fly:
             return replace(self, speed=self._clamp_speed(self.speed / _compute_wheel_zoom(event)))
         if kind not in ("pointer_down", "pointer_move", "pointer_up"):
             return self
-        point = float(event["x"]), float(event["y"])
-        if kind == "pointer_down":
-            return replace(self, drag="look", pointer=point)
-        # A release may come without the last move.
-        dx, dy = point[0] - self.pointer[0], point[1] - self.pointer[1]
-        state = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=point)
+        state, dx, dy = _follow_pointer(self, event, "look")
         share = self.fov_y / size[1]
         return state.look(-dx * share, dy * share) if self.drag else state
 
@@ -559,12 +541,8 @@ class Fly:
 
     def _axes(self) -> tuple[Vector, Vector, Vector]:
         """Return right, up and forward, world space."""
-        frame = rotate_y_to(self.up)
-        upward, toward = (
-            to_triple(transforms.apply(frame, orbit_direction(self.azimuth, angle)))
-            for angle in (self.elevation + 90.0, self.elevation)
-        )
-        return cross(upward, toward), upward, tuple(-part for part in toward)
+        right, upward, toward = _compute_axes(self.up, self.azimuth, self.elevation)
+        return right, upward, tuple(-part for part in toward)
 
     def _clamp_speed(self, speed: float) -> float:
         """Clamp a speed to a range that depends on the scene."""
@@ -572,6 +550,31 @@ class Fly:
 
 
 Controls = Orbit | Fly
+
+
+def _compute_axes(up: Vector, azimuth: float, elevation: float) -> tuple[Vector, Vector, Vector]:
+    """Return right, up and the direction to the eye, world space, at angles in degrees."""
+    frame = rotate_y_to(up)
+    upward, toward = (
+        to_triple(transforms.apply(frame, orbit_direction(azimuth, angle)))
+        for angle in (elevation + 90.0, elevation)
+    )
+    return cross(upward, toward), upward, toward
+
+
+def _follow_pointer(controls: Any, event: Event, drag: str) -> tuple[Any, float, float]:
+    """
+    Return the state after an event of the pointer, and by how many pixels, x and y, it moved.
+
+    ``drag`` is what moving the pointer does after this one, if a button goes down.
+    """
+    kind, point = event["event_type"], (float(event["x"]), float(event["y"]))
+    if kind == "pointer_down":
+        return replace(controls, drag=drag, pointer=point), 0.0, 0.0
+    # A release may come without the last move.
+    dx, dy = point[0] - controls.pointer[0], point[1] - controls.pointer[1]
+    drag = controls.drag if kind == "pointer_move" else ""
+    return replace(controls, drag=drag, pointer=point), dx, dy
 
 
 def _compute_wheel_zoom(event: Event) -> float:
