@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +36,7 @@ from rasterjit.io.meshes import mesh_files
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from rasterjit.accuracy.timing import Progress
 
@@ -130,17 +131,15 @@ def study_files(folder: Path, shown: RenderOptions, options: dict[str, Any]) -> 
 
 def calibrate_machine(threads: int | None, quiet: bool) -> None:
     """Measure time and error of qualities on this machine; print both, and where they are kept."""
-    from rich.table import Table
+    from rich.table import Column, Table
 
     with _show_progress(quiet) as progress:
         profile, path = calibrate(threads=threads, progress=progress)
     if quiet:
         return
     title = f"Time and error over those of a standard frame, {profile.threads} threads"
-    table = Table(title=title, padding=(0, 1))
-    table.add_column("quality")
-    table.add_column("× time", justify="right")
-    table.add_column("× error", justify="right")
+    numbers = (Column(name, justify="right") for name in ("× time", "× error"))
+    table = Table("quality", *numbers, title=title, padding=(0, 1))
     for step in profile.steps:
         table.add_row(str(step.quality), f"{step.time:.2f}", f"{step.error:.3f}")
     _make_console().print(table)
@@ -172,9 +171,9 @@ def _make_console() -> Console:
     from rich.console import Console
 
     console = Console(highlight=False, markup=False, emoji=False)
-    if console.is_terminal:
-        return console
-    return Console(width=FILE_COLUMNS, highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        console.width = FILE_COLUMNS
+    return console
 
 
 def _print_study(found: results.Study, folder: Path) -> None:
@@ -208,16 +207,9 @@ def _print_study(found: results.Study, folder: Path) -> None:
 
 def _print_table(found: results.Study, console: Console) -> None:
     """Print time and error of each trial."""
-    from rich import box
-    from rich.table import Table
-
     is_wide = console.width >= MIN_WIDE_COLUMNS
     names = ["ms", "× standard", "rmse", *(["PSNR", "FLIP"] if is_wide else []), "wrong px"]
-    table = Table("setting", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("level", min_width=10)
-    for name in names:
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("dominated by")
+    table = _make_table("setting", names, "dominated by")
     last = None
     for trial in (found.standard, *found.trials):
         cells = _format_cells(trial, found)
@@ -238,14 +230,7 @@ def _print_table(found: results.Study, console: Console) -> None:
 
 def _print_effects(found: results.Study, console: Console) -> None:
     """Print the time of each effect, and its error from the reference."""
-    from rich import box
-    from rich.table import Table
-
-    table = Table("effect", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("level", min_width=10)
-    for name in ("× standard", "rmse"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("reference")
+    table = _make_table("effect", ["× standard", "rmse"], "reference")
     for cost in found.effects:
         error = "-" if cost.rmse is None else f"{cost.rmse:.2e}"
         table.add_section()
@@ -258,6 +243,18 @@ def _print_effects(found: results.Study, console: Console) -> None:
         "the picture with it where there is none"
     )
     console.print(table)
+
+
+def _make_table(first: str, numbers: Sequence[str], last: str) -> Table:
+    """Return a table of levels without rows, of columns by their names."""
+    from rich import box
+    from rich.table import Column, Table
+
+    columns = (Column(name, justify="right", no_wrap=True) for name in numbers)
+    return Table(
+        first, Column("level", min_width=10), *columns, last,
+        box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False,
+    )  # fmt: skip
 
 
 def _format_cells(trial: results.Trial, found: results.Study) -> dict[str, str]:

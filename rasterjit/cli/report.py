@@ -221,12 +221,10 @@ def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
         Seconds from the start to the end.
     """
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     stats, (width, height) = frame.stats, frame.plan.size
-    table = Table(show_header=False)
-    table.add_column()
-    table.add_column(justify="right")
+    table = Table(Column(), Column(justify="right"), show_header=False)
     table.add_row(f"{frame.counted.partition(' ')[2]} in", f"{stats.triangles_in:,}")
     for label, count in (
         ("outside the view", stats.outside),
@@ -252,12 +250,11 @@ def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
 def print_profile(measured: FrameProfile) -> None:
     """Print the time of each stage, and what each effect costs."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     console = Console(highlight=False)
-    table = Table(title=f"{measured.rounds} frames each, {measured.threads} threads; medians")
-    table.add_column("stage")
-    table.add_column("time", justify="right")
+    title = f"{measured.rounds} frames each, {measured.threads} threads; medians"
+    table = Table("stage", Column("time", justify="right"), title=title)
     for stage, seconds in measured.stages.items():
         table.add_row(STAGE_NAMES.get(stage, stage), f"{1000.0 * seconds:,.2f} ms")
     table.add_section()
@@ -265,9 +262,8 @@ def print_profile(measured: FrameProfile) -> None:
     console.print(table)
     if not measured.changes:
         return
-    table = Table()
-    for name in ("effect", "changed to", "frame", "difference"):
-        table.add_column(name, justify="right" if name in ("frame", "difference") else "left")
+    times = (Column(name, justify="right") for name in ("frame", "difference"))
+    table = Table("effect", "changed to", *times)
     for change in measured.changes:
         table.add_row(
             change.name, change.what, f"{1000.0 * change.seconds:,.2f} ms",
@@ -279,11 +275,9 @@ def print_profile(measured: FrameProfile) -> None:
 def print_diagnostics(diagnostics: Diagnostics) -> None:
     """Print why faces are not seen, and the precision of coordinates."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
-    table = Table(show_header=False)
-    table.add_column()
-    table.add_column(justify="right")
+    table = Table(Column(), Column(justify="right"), show_header=False)
     for name, text in diagnostics.rows():
         table.add_row(name, text)
     Console(highlight=False).print(table)
