@@ -20,7 +20,13 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import cross, dot
 from rasterjit.survey.clip_planes import RELATIVE_ERROR
 from rasterjit.survey.object_counts import Inventory
-from rasterjit.survey.object_transforms import ObjectTransforms, transform_boxes, transform_objects
+from rasterjit.survey.object_transforms import (
+    ObjectTransforms,
+    compute_max_distance,
+    determinant_signs,
+    transform_boxes,
+    transform_objects,
+)
 
 Float64 = NDArray[np.float64]
 
@@ -104,12 +110,7 @@ class ViewGroup:
 
     def compute_max_distance(self) -> Float64:
         """Return the distance from each eye, (N,), scene units, of the farthest point in view."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            x, y, z = np.moveaxis(self.corners, 3, 0)
-            squares = (x * x + y * y) + z * z
-        squares = np.where(np.isfinite(squares), squares, np.inf)
-        squares = np.where(self.in_view[:, :, np.newaxis], squares, 0.0)
-        return np.sqrt(squares.max(axis=(1, 2), initial=0.0))
+        return compute_max_distance(self.corners, self.in_view)
 
 
 def transform_batched_objects(world_from_model: Float64) -> ObjectTransforms:
@@ -149,22 +150,13 @@ def transform_to_views(
         backward = -((terms[:, 0] + terms[:, 1]) + terms[:, 2])
     toward_viewer[is_parallel, :3], toward_viewer[is_parallel, 3] = backward[is_parallel], 0.0
     screen_axes = np.concatenate((clip_from_view[:, :2, :3], depth_axes[:, np.newaxis]), axis=1)
-    signs = _determinant_signs(screen_axes) * _determinant_signs(view_from_relative[:, :3, :3])
+    signs = determinant_signs(screen_axes) * determinant_signs(view_from_relative[:, :3, :3])
     clip_from_relative = transforms.product_of_each(clip_from_view, view_from_relative)
     matrices = view_from_relative, clip_from_relative
     is_finite = np.all([np.isfinite(matrix).all(axis=(1, 2)) for matrix in matrices], axis=0)
     return BatchTransforms(
         relative, clip_from_relative, toward_viewer, np.where(signs < 0.0, 1, -1), is_finite
     )
-
-
-def _determinant_signs(rows: Float64) -> Float64:
-    """Return the sign of each 3x3 determinant, (N,): `object_transforms._determinant_sign`."""
-    largest = np.abs(rows).max(axis=2, keepdims=True)
-    with np.errstate(all="ignore"):
-        scaled = np.divide(rows, largest, out=np.zeros_like(rows), where=largest > 0.0)
-        (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
-        return np.sign(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
 def compute_scene_bounds(bounds: Float64, world_from_model: Float64) -> tuple[Float64, Float64]:

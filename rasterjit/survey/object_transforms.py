@@ -410,13 +410,27 @@ class Boxes:
 
     def compute_max_distance(self) -> float:
         """Return an upper bound of the distance from the eye of boxes in view, scene units."""
-        corners = self.corners[self.in_view]
-        with np.errstate(over="ignore"):
-            x, y, z = (corners[..., k] for k in range(3))
-            squares = (x * x + y * y) + z * z
-        # A box that is not finite may extend to any distance.
-        squares = np.where(np.isfinite(squares), squares, np.inf)
-        return float(np.sqrt(squares.max(initial=0.0)))
+        return float(compute_max_distance(self.corners, self.in_view))
+
+
+def compute_max_distance(corners: Float64, in_view: NDArray[np.bool_]) -> Float64:
+    """
+    Return the distance from the eye of the farthest corner of boxes in view, of each of N views.
+
+    Parameters
+    ----------
+    corners : (O, 8, 3) or (N, O, 8, 3) float64
+        World axes, relative to the eye.
+    in_view : (O,) or (N, O) bool
+        Which boxes count.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        x, y, z = np.moveaxis(corners, -1, 0)
+        squares = (x * x + y * y) + z * z
+    # A box that is not finite may extend to any distance.
+    squares = np.where(np.isfinite(squares), squares, np.inf)
+    squares = np.where(in_view[..., np.newaxis], squares, 0.0)
+    return np.sqrt(squares.max(axis=(-2, -1), initial=0.0))
 
 
 def is_between(
@@ -524,7 +538,8 @@ def transform_objects(matrices: Sequence[NDArray[np.float64]]) -> ObjectTransfor
     # So that normals keep a length near 1 in float32.
     largest = np.abs(normals).max(axis=(1, 2), keepdims=True)
     np.divide(normals, largest, out=normals, where=largest > 0.0)
-    return ObjectTransforms(world_from_model, normals, _mirror_signs(world_from_model[:, :3, :3]))
+    mirrored = np.where(determinant_signs(world_from_model[:, :3, :3]) < 0.0, -1.0, 1.0)
+    return ObjectTransforms(world_from_model, normals, mirrored)
 
 
 def move_objects(
@@ -571,13 +586,13 @@ def move_objects(
     return updated
 
 
-def _mirror_signs(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return -1 for each 3x3 matrix with a negative determinant, (O,), else 1."""
+def determinant_signs(matrices: Float64) -> Float64:
+    """Return the sign of each 3x3 determinant, (N,), as `_determinant_sign` does of one."""
     largest = np.abs(matrices).max(axis=2, keepdims=True)
-    scaled = np.divide(matrices, largest, out=np.zeros_like(matrices), where=largest > 0.0)
-    (a, b, c), (d, e, f), (g, h, i) = scaled.transpose(1, 2, 0)
-    determinants = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return np.where(determinants < 0.0, -1.0, 1.0)
+    with np.errstate(all="ignore"):
+        scaled = np.divide(matrices, largest, out=np.zeros_like(matrices), where=largest > 0.0)
+        (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
+        return np.sign(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
 def have_uniform_scales(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
