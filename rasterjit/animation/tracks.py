@@ -32,6 +32,7 @@ from rasterjit.scene.validation import (
     brief,
     finite_array,
     finite_number,
+    needs_extra,
     one_of,
     positive_number,
 )
@@ -321,12 +322,8 @@ def _import_scipy(name: str) -> Any:
     """Import a module of SciPy, or raise ``ImportError`` naming what to install."""
     from importlib import import_module
 
-    try:
+    with needs_extra("animation", "tracks between keys need SciPy"):
         return import_module(f"scipy.{name}")
-    except ImportError:
-        raise ImportError(
-            'tracks between keys need SciPy; pip install "rasterjit[animation]"'
-        ) from None
 
 
 def turntable(

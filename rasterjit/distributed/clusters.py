@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rasterjit.runtime.threads import available_processors
-from rasterjit.scene.validation import brief
+from rasterjit.scene.validation import brief, needs_extra
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -51,13 +51,10 @@ def require_dask() -> Any:
     ImportError
         If it is not installed.
     """
-    try:
+    with needs_extra("distributed", "rendering on a Dask cluster needs Dask"):
         import distributed
-    except ImportError as error:
-        raise ImportError(
-            'rendering on a Dask cluster needs: pip install "rasterjit[distributed]"'
-        ) from error
-    return distributed
+
+        return distributed
 
 
 def check_client(client: Any) -> Client:

@@ -46,7 +46,7 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import brief, one_of, thread_count
+from rasterjit.scene.validation import brief, needs_extra, one_of, thread_count
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -501,18 +501,13 @@ def _is_zarr_array(target: Path) -> bool:
 
 def _make_writer(target: Path) -> Callable[[Tiles, tuple[int, int], int], None]:
     """Return a function that writes tiles to a path, by the library for its format."""
-    try:
+    with needs_extra("large", f"writing a {target.suffix} tile by tile needs a package"):
         if target.suffix.lower() == ".zarr":
             import zarr
 
             return lambda tiles, size, tile: _write_zarr(zarr, target, tiles, size, tile)
         import tifffile
-
-        return lambda tiles, size, tile: _write_tiff(tifffile, target, tiles, size, tile)
-    except ImportError as error:
-        raise ImportError(
-            f'writing a {target.suffix} tile by tile needs: pip install "rasterjit[large]"'
-        ) from error
+    return lambda tiles, size, tile: _write_tiff(tifffile, target, tiles, size, tile)
 
 
 def _write_tiff(tifffile: Any, path: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:

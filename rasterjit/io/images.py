@@ -38,7 +38,7 @@ from rasterjit.scene.color import decoding_table, srgb_to_linear
 from rasterjit.scene.memory_limits import TEXEL_BYTES, MemoryBudget
 from rasterjit.scene.picture_codes import read_codes
 from rasterjit.scene.texture import PICTURE_FORMATS, open_picture
-from rasterjit.scene.validation import unmasked_array
+from rasterjit.scene.validation import needs_extra, unmasked_array
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -223,12 +223,8 @@ def write_exr(
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    try:
+    with needs_extra("exr", f"path {str(path)!r}: .exr needs OpenEXR", MissingOpenEXRError):
         import OpenEXR
-    except ImportError:
-        raise MissingOpenEXRError(
-            f'path {str(path)!r}: .exr needs OpenEXR; pip install "rasterjit[exr]"'
-        ) from None
     header = {
         **(attributes or {}),
         "compression": OpenEXR.ZIP_COMPRESSION,

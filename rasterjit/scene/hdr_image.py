@@ -19,7 +19,7 @@ from rasterjit.scene import memory_limits
 from rasterjit.scene.arrays import Float32, UInt8
 from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 from rasterjit.scene.texture import Texture, check_texels, open_picture
-from rasterjit.scene.validation import existing_file
+from rasterjit.scene.validation import existing_file, needs_extra
 
 RADIANCE_FORMATS = (".hdr", ".pic", ".rgbe")
 
@@ -82,12 +82,9 @@ def _reserve_texels(file: Path, budget: MemoryBudget) -> None:
 
 def _read_exr(file: Path, budget: MemoryBudget) -> Float32:
     """Read the colours of the first part of an OpenEXR file."""
-    try:
+    with needs_extra("exr", f"path {str(file)!r}: .exr needs OpenEXR", ValueError):
         import OpenEXR
-    except ImportError:
-        raise ValueError(
-            f'path {str(file)!r}: .exr needs OpenEXR; pip install "rasterjit[exr]"'
-        ) from None
+
     try:
         with OpenEXR.File(str(file), header_only=True) as opened:
             needed = sum(_exr_memory(part.header) for part in opened.parts)

@@ -6,7 +6,8 @@ import math
 import operator
 import os
 import sys
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -392,6 +393,15 @@ def _size_within(name: str, value: Any, largest: int) -> tuple[int, int]:
             f"{name} must be two whole numbers in 1..{largest}, got {short_repr(value)}"
         )
     return sides
+
+
+@contextmanager
+def needs_extra(extra: str, need: str, error: type[Exception] = ImportError) -> Iterator[None]:
+    """Name in the error of a missing package the extra of this one that brings it."""
+    try:
+        yield
+    except ImportError as missing:
+        raise error(f'{need}: pip install "rasterjit[{extra}]" ({missing})') from missing
 
 
 def existing_file(name: str, value: Any) -> Path:

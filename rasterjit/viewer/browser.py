@@ -27,7 +27,7 @@ from importlib import resources
 from typing import Any, cast
 
 from rasterjit.runtime.progress import also_show_progress_by
-from rasterjit.scene.validation import brief
+from rasterjit.scene.validation import brief, needs_extra
 from rasterjit.viewer.browser_session import PICTURE_NUMBER_BYTES, BrowserSession, Send
 from rasterjit.viewer.canvas import Worker
 from rasterjit.viewer.protocol import MAX_MESSAGE_BYTES, read_message
@@ -188,16 +188,12 @@ def serve(
     ValueError
         If it cannot listen there, or the token is none; before anything is drawn.
     """
-    try:
+    with needs_extra("browser", "the browser needs a server"):
         import simplejpeg  # noqa: F401
         import uvicorn
         import websockets  # noqa: F401
 
         from rasterjit.viewer.connections import Connections, ShortConnection
-    except ImportError as error:
-        raise ImportError(
-            f'the browser needs a server: pip install "rasterjit[browser]" ({error})'
-        ) from error
     secret = secrets.token_urlsafe(TOKEN_BYTES) if token is None else check_token(token)
     with bind(host, port) as listening:
         drawer, notice = Worker(), CompileStatus()

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.runtime.progress import show_progress_by
-from rasterjit.scene.validation import one_of
+from rasterjit.scene.validation import needs_extra, one_of
 from rasterjit.viewer.canvas import CanvasDriver, DrawCancelled, is_at_terminal
 from rasterjit.viewer.controls import MOVE_KEYS, TURN_KEYS, Event, Fly
 from rasterjit.viewer.overlay import Row
@@ -666,12 +666,8 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
             "backend must not be 'terminal' where standard input or output is none, but a file or "
             "a pipe"
         )
-    try:
+    with needs_extra("terminal", "the terminal needs a package"):
         import blessed
-    except ImportError as error:
-        raise ImportError(
-            f'the terminal needs a package: pip install "rasterjit[terminal]" ({error})'
-        ) from error
     viewer.writes_text = False
     # What has to be compiled is compiled before the terminal changes.
     viewer.draw()
