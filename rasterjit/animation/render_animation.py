@@ -27,7 +27,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import boolean, brief, finite_number
+from rasterjit.scene.validation import boolean, brief, finite_number, instance_of
 from rasterjit.survey.clip_planes import NO_PLANE_NEEDS, PlaneNeeds
 
 CameraAt = Callable[[float], Camera]
@@ -95,10 +95,8 @@ def frames(
         At once, if a node or an animation is not one of the scene's or another argument is
         invalid; with the first frame, what `rasterjit.render` refuses.
     """
-    if not isinstance(renderer, Renderer):
-        raise ValueError(f"renderer must be a Renderer, got {brief(renderer)}")
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene must be a Scene, got {brief(scene)}")
+    instance_of("renderer", renderer, Renderer)
+    instance_of("scene", scene, Scene)
     if not isinstance(times, Iterable):
         raise ValueError(f"times must be numbers, got {brief(times)}")
     repeats = boolean("loop", loop)

@@ -22,20 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import camera_fitting, transforms
+from rasterjit.scene import validation as check
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera, mirrors
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.mesh import Mesh, replace_scalars, replace_vertices
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import (
-    bounded_number,
-    brief,
-    finite_array,
-    finite_number,
-    needs_extra,
-    one_of,
-    positive_number,
-)
 
 Float64 = NDArray[np.float64]
 Interpolation: TypeAlias = Literal["linear", "smooth"]
@@ -56,7 +48,7 @@ class _Track(Guarded):
     def __init__(self, times: ArrayLike, keys: Sequence[Any], interpolation: Interpolation) -> None:
         self.times = _check_key_times(times)
         self.keys = tuple(keys)
-        self.interpolation = one_of("interpolation", interpolation, INTERPOLATIONS)
+        self.interpolation = check.one_of("interpolation", interpolation, INTERPOLATIONS)
         if len(self.keys) != len(self.times):
             raise ValueError(
                 f"times and keys must be as many, got {len(self.times)} times and "
@@ -71,7 +63,7 @@ class _Track(Guarded):
 
     def _key_at(self, time: float) -> tuple[float, Any]:
         """Return the time, clamped to those of the keys, and the key at that time or None."""
-        time = finite_number("time", time)
+        time = check.finite_number("time", time)
         time = min(max(time, float(self.times[0])), float(self.times[-1]))
         number = int(np.searchsorted(self.times, time))
         return time, self.keys[number] if self.times[number] == time else None
@@ -109,18 +101,18 @@ class CameraTrack(_Track):
         interpolation: Interpolation = "linear",
     ) -> None:
         if not isinstance(cameras, Iterable):
-            raise ValueError(f"cameras must be a sequence of cameras, got {brief(cameras)}")
+            raise ValueError(f"cameras must be a sequence of cameras, got {check.brief(cameras)}")
         super().__init__(times, cameras, interpolation)
         kind = type(self.keys[0])
         if kind not in (PerspectiveCamera, OrthographicCamera):
             raise ValueError(
                 "cameras must be PerspectiveCamera or OrthographicCamera, got "
-                f"{brief(self.keys[0])}"
+                f"{check.brief(self.keys[0])}"
             )
         for camera in self.keys:
             if type(camera) is not kind:
                 raise ValueError(
-                    f"cameras must be of one kind, got {kind.__name__} and {brief(camera)}"
+                    f"cameras must be of one kind, got {kind.__name__} and {check.brief(camera)}"
                 )
         views = np.array([camera.view_matrix()[:3, :3] for camera in self.keys])
         targets = np.array([camera.target for camera in self.keys])
@@ -187,7 +179,7 @@ class TransformTrack(_Track):
     def __init__(
         self, times: ArrayLike, transforms: ArrayLike, interpolation: Interpolation = "linear"
     ) -> None:
-        matrices = finite_array("transforms", transforms, (None, 4, 4)).copy()
+        matrices = check.finite_array("transforms", transforms, (None, 4, 4)).copy()
         super().__init__(times, matrices, interpolation)
         if not (matrices[:, 3] == (0.0, 0.0, 0.0, 1.0)).all():
             raise ValueError("transforms must have last rows (0, 0, 0, 1)")
@@ -252,15 +244,14 @@ class MorphTrack(_Track):
         *,
         scalars: ArrayLike | None = None,
     ) -> None:
-        if not isinstance(mesh, Mesh):
-            raise ValueError(f"mesh must be a Mesh, got {brief(mesh)}")
+        check.instance_of("mesh", mesh, Mesh)
         if vertices is None and scalars is None:
             raise ValueError("vertices must be given where no scalars are")
         keys = []
         if vertices is not None:
-            keys.append(finite_array("vertices", vertices, (None, len(mesh.vertices), 3)))
+            keys.append(check.finite_array("vertices", vertices, (None, len(mesh.vertices), 3)))
         if scalars is not None:
-            values = finite_array("scalars", scalars, (None, None))
+            values = check.finite_array("scalars", scalars, (None, None))
             if mesh.field is None:
                 mesh = mesh.with_scalars(values[0], range=(values.min(), values.max()))
             count = 0 if mesh.field is None else len(mesh.field.values)
@@ -285,7 +276,7 @@ class MorphTrack(_Track):
 
 def _check_key_times(times: ArrayLike) -> Float64:
     """Return the times of keys, (K,) float64, or raise ``ValueError``."""
-    key_times = finite_array("times", times, (None,)).copy()
+    key_times = check.finite_array("times", times, (None,)).copy()
     if not len(key_times) or not (np.diff(key_times) > 0.0).all():
         raise ValueError(f"times must be one or more growing numbers, got {key_times.tolist()}")
     return key_times
@@ -322,7 +313,7 @@ def _import_scipy(name: str) -> Any:
     """Import a module of SciPy, or raise ``ImportError`` naming what to install."""
     from importlib import import_module
 
-    with needs_extra("animation", "tracks between keys need SciPy"):
+    with check.needs_extra("animation", "tracks between keys need SciPy"):
         return import_module(f"scipy.{name}")
 
 
@@ -369,9 +360,9 @@ def turntable(
     ValueError
         If ``seconds`` is not above 0, or what `rasterjit.fit_camera` refuses.
     """
-    period = positive_number("seconds", seconds)
-    start = finite_number("azimuth", azimuth)
-    elevation = bounded_number("elevation", elevation, -90.0, 90.0)
+    period = check.positive_number("seconds", seconds)
+    start = check.finite_number("azimuth", azimuth)
+    elevation = check.bounded_number("elevation", elevation, -90.0, 90.0)
     rotation = camera_fitting.rotate_y_to(up)
     sphere = measure_sphere(scene) if animation is None else _measure_animation(scene, animation)
 
@@ -380,7 +371,7 @@ def turntable(
 
     def camera_at(time: float) -> PerspectiveCamera | OrthographicCamera:
         """Return the camera at a time, seconds."""
-        azimuth = start + DEGREES_PER_TURN * (finite_number("time", time) / period)
+        azimuth = start + DEGREES_PER_TURN * (check.finite_number("time", time) / period)
         # The direction ninety degrees above the camera's is up, at the poles as well.
         return camera_fitting.fit_camera(
             sphere, direction(azimuth, elevation), fov_y,
@@ -395,7 +386,7 @@ def turntable(
 def _measure_animation(scene: Bounded, animation: Any) -> Bounded:
     """Return a sphere around a scene at all times of an animation, measured at some of them."""
     if not isinstance(scene, Scene):
-        raise ValueError(f"scene must be a Scene to play an animation, got {brief(scene)}")
+        raise ValueError(f"scene must be a Scene to play an animation, got {check.brief(scene)}")
     clips = scene._choose_animations(animation)
     duration = max((clip.duration for clip in clips), default=0.0)
     times = np.linspace(0.0, duration, MEASURED_TIME_COUNT).tolist()

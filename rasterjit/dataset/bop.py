@@ -38,17 +38,9 @@ from rasterjit.io.images import decode_picture, encode_png, quantize
 from rasterjit.io.load_warnings import LoadWarning, SaveWarning, reason_of
 from rasterjit.io.meshes import load
 from rasterjit.outputs.save import MAX_CODE
+from rasterjit.scene import validation as check
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.transforms import Matrix
-from rasterjit.scene.validation import (
-    brief,
-    check_rotation,
-    existing_folder,
-    number_array,
-    positive_number,
-    short_repr,
-    whole_number,
-)
 from rasterjit.scene.warning import warn_caller
 
 __all__ = [
@@ -174,12 +166,13 @@ def read_models(folder: str | os.PathLike[str]) -> dict[int, ObjectModel]:
     ValueError
         If the folder or a file is missing or damaged.
     """
-    place = existing_folder("folder", folder)
+    place = check.existing_folder("folder", folder)
     models = {}
     for name, info in _read_json(place / MODELS_INFO).items():
         if not isinstance(info, dict):
             raise ValueError(
-                f"{place / MODELS_INFO}: model {name} must have a JSON object, got {brief(info)}"
+                f"{place / MODELS_INFO}: model {name} must have a JSON object, "
+                f"got {check.brief(info)}"
             )
         path = place / f"obj_{name:06d}.ply"
         loaded = load(path)
@@ -225,8 +218,8 @@ def write_scene(folder: str | os.PathLike[str], views: Iterable[LabelledView]) -
     with atomic_folder(target) as temporary:
         for view in views:
             if not isinstance(view, LabelledView):
-                raise ValueError(f"views must be LabelledView, got {brief(view)}")
-            key = str(whole_number("views: the number", view.number, 0, MAX_NUMBER))
+                raise ValueError(f"views must be LabelledView, got {check.brief(view)}")
+            key = str(check.whole_number("views: the number", view.number, 0, MAX_NUMBER))
             if key in documents[0]:
                 raise ValueError(f"views must have different numbers, got {key} twice")
             poses, seen = (
@@ -272,7 +265,7 @@ def read_scene(folder: str | os.PathLike[str]) -> SceneViews:
     LoadWarning
         Naming files and keys that are left out.
     """
-    return SceneViews(existing_folder("folder", folder))
+    return SceneViews(check.existing_folder("folder", folder))
 
 
 class SceneViews(Sequence[LabelledView]):
@@ -297,7 +290,8 @@ class SceneViews(Sequence[LabelledView]):
             for name, part, known in zip(SCENE_FILES, parts, keys, strict=True):
                 if not isinstance(part, list) or not all(isinstance(one, dict) for one in part):
                     raise ValueError(
-                        f"{folder / name}: view {number} must have JSON objects, got {brief(part)}"
+                        f"{folder / name}: view {number} must have JSON objects, "
+                        f"got {check.brief(part)}"
                     )
                 left_out |= {key for one in part for key in one} - known
             if len(parts[2]) != len(parts[1]):
@@ -384,11 +378,13 @@ class SceneViews(Sequence[LabelledView]):
 def _check_models(models: Any) -> dict[int, Mesh]:
     """Return meshes by their ids in order, or raise ``ValueError``."""
     if not isinstance(models, Mapping) or not models:
-        raise ValueError(f"models must be meshes by their ids, at least one, got {brief(models)}")
+        raise ValueError(
+            f"models must be meshes by their ids, at least one, got {check.brief(models)}"
+        )
     for name, mesh in models.items():
         if not isinstance(name, (int, np.integer)) or name < 0 or not isinstance(mesh, Mesh):
             raise ValueError(
-                f"models must be meshes by ids of at least 0, got {name!r}: {brief(mesh)}"
+                f"models must be meshes by ids of at least 0, got {name!r}: {check.brief(mesh)}"
             )
     return {int(name): models[name] for name in sorted(models)}
 
@@ -396,13 +392,13 @@ def _check_models(models: Any) -> dict[int, Mesh]:
 def _check_info(info: Any, models: Mapping[int, Mesh]) -> dict[int, Mapping[str, Any]]:
     """Return entries of models by their ids, or raise ``ValueError``."""
     if not isinstance(info, Mapping):
-        raise ValueError(f"info must be mappings by the ids of models, got {brief(info)}")
+        raise ValueError(f"info must be mappings by the ids of models, got {check.brief(info)}")
     for name, row in info.items():
         if name not in models:
-            raise ValueError(f"info must be about models by their ids, got {brief(name)}")
+            raise ValueError(f"info must be about models by their ids, got {check.brief(name)}")
         try:
             if not isinstance(row, Mapping):
-                raise TypeError(f"it is {brief(row)}")
+                raise TypeError(f"it is {check.brief(row)}")
             _format_json(row)
         except (TypeError, ValueError, RecursionError) as error:
             raise ValueError(
@@ -414,7 +410,7 @@ def _check_info(info: Any, models: Mapping[int, Mesh]) -> dict[int, Mapping[str,
 def _check_target(folder: Any, mark: str) -> Path:
     """Return the folder to write, or raise ``ValueError`` if it holds something else."""
     if not isinstance(folder, (str, os.PathLike)):
-        raise ValueError(f"folder must be the name of a folder, got {brief(folder)}")
+        raise ValueError(f"folder must be the name of a folder, got {check.brief(folder)}")
     target = Path(os.fsdecode(folder))
     if target.exists() and not target.is_dir():
         raise ValueError(f"folder {str(target)!r} is a file")
@@ -614,7 +610,7 @@ def _read_camera(path: Any, where: str, row: Any) -> tuple[NDArray[Any], Matrix 
     world = None
     if "cam_R_w2c" in row or "cam_t_w2c" in row:
         world = _read_pose(path, where, row, "cam_R_w2c", "cam_t_w2c")
-    scale = positive_number(f"{path}: {where}: depth_scale", row.get("depth_scale"))
+    scale = check.positive_number(f"{path}: {where}: depth_scale", row.get("depth_scale"))
     return _read_numbers(path, where, row, "cam_K", 9).reshape(3, 3), world, scale
 
 
@@ -636,12 +632,13 @@ def _read_numbers(path: Any, where: str, row: Any, key: str, count: int) -> NDAr
     """Return ``count`` numbers of an entry, or raise ``ValueError``."""
     value = row.get(key)
     try:
-        numbers = number_array(key, value, "iuf").ravel()
+        numbers = check.number_array(key, value, "iuf").ravel()
     except ValueError:
         numbers = np.empty(0)
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise ValueError(
-            f"{path}: {where} must have {count} finite numbers as {key}, got {short_repr(value)}"
+            f"{path}: {where} must have {count} finite numbers as {key}, "
+            f"got {check.short_repr(value)}"
         )
     return numbers
 
@@ -652,7 +649,7 @@ def _read_wholes(path: Any, where: str, row: Any, key: str, count: int, low: int
     if (numbers != np.floor(numbers)).any() or numbers.min() < low or numbers.max() > MAX_WHOLE:
         raise ValueError(
             f"{path}: {where} must have whole numbers in {low}..{MAX_WHOLE} as {key}, got "
-            f"{short_repr(row[key])}"
+            f"{check.short_repr(row[key])}"
         )
     return numbers.astype(int).tolist()
 
@@ -662,7 +659,7 @@ def _read_pose(path: Any, where: str, row: Any, rotation: str, translation: str)
     matrix = np.eye(4)
     matrix[:3, :3] = _read_numbers(path, where, row, rotation, 9).reshape(3, 3)
     matrix[:3, 3] = _read_numbers(path, where, row, translation, 3)
-    check_rotation(f"{path}: {where}: {rotation}", matrix[:3, :3])
+    check.check_rotation(f"{path}: {where}: {rotation}", matrix[:3, :3])
     return matrix
 
 

@@ -33,7 +33,7 @@ from rasterjit.distributed.clusters import require_dask
 from rasterjit.io.meshes import mesh_files
 from rasterjit.runtime.locks import Lock, lock, machine_names
 from rasterjit.runtime.threads import available_processors
-from rasterjit.scene.validation import brief, existing_folder, whole_number
+from rasterjit.scene.validation import brief, existing_folder, instance_of, whole_number
 
 LOCK_NAME = ".lock"
 """Name of the lock file in the folder."""
@@ -392,9 +392,7 @@ def make(
     -----
     Whatever is raised, and on Ctrl-C: what was done is whole, and what was not is not there.
     """
-    recipe = Recipe() if recipe is None else recipe
-    if not isinstance(recipe, Recipe):
-        raise ValueError(f"recipe must be a Recipe, got {brief(recipe)}")
+    recipe = Recipe() if recipe is None else instance_of("recipe", recipe, Recipe)
     runner = _choose_runner(workers)
     source = existing_folder("folder", folder).resolve()
     target = _check_output(output, source)

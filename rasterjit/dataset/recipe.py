@@ -27,7 +27,7 @@ from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS, OutputName
 from rasterjit.rendering.batch import check_arguments, share_threads
 from rasterjit.rendering.renderer_pool import draw_in_turns
 from rasterjit.rendering.view_warnings import ViewWarning
-from rasterjit.scene import transforms
+from rasterjit.scene import transforms, validation
 from rasterjit.scene.attribute_guard import suggests_replace
 from rasterjit.scene.camera import Bounded, PerspectiveCamera
 from rasterjit.scene.camera_fitting import fit_camera, orbit_direction, rotate_y_to
@@ -36,16 +36,7 @@ from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, OnInvalid
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import (
-    VectorLike,
-    bounded_number,
-    brief,
-    existing_folder,
-    image_size,
-    one_of,
-    triple,
-    whole_number,
-)
+from rasterjit.scene.validation import VectorLike
 from rasterjit.scene.warning import gather_warnings, warn_caller
 
 Layout: TypeAlias = Literal["sphere", "random", "ring"]
@@ -144,21 +135,20 @@ class Recipe:
         transforms.focal_length(self.fov_y)
         transforms.unit_vector("up", self.up)
         MemoryBudget("", self.max_bytes)
-        if not isinstance(self.isolate, bool):
-            raise ValueError(f"isolate must be True or False, got {brief(self.isolate)}")
         checked = {
-            "views": whole_number("views", self.views, 1, MAX_VIEWS),
+            "isolate": validation.boolean("isolate", self.isolate),
+            "views": validation.whole_number("views", self.views, 1, MAX_VIEWS),
             "outputs": _check_outputs(self.outputs),
-            "size": image_size("size", self.size),
-            "layout": one_of("layout", self.layout, LAYOUTS),
-            "seed": whole_number("seed", self.seed, 0, 2**63 - 1),
-            "elevation": bounded_number("elevation", self.elevation, -90.0, 90.0),
+            "size": validation.image_size("size", self.size),
+            "layout": validation.one_of("layout", self.layout, LAYOUTS),
+            "seed": validation.whole_number("seed", self.seed, 0, 2**63 - 1),
+            "elevation": validation.bounded_number("elevation", self.elevation, -90.0, 90.0),
             "fov_y": float(self.fov_y),
-            "up": triple("up", self.up),
+            "up": validation.triple("up", self.up),
             "background": _check_color(self.background),
             "quality": check_quality(self.quality),
-            "on_invalid": one_of("on_invalid", self.on_invalid, ON_INVALID),
-            "on_damage": one_of("on_damage", self.on_damage, ON_DAMAGE),
+            "on_invalid": validation.one_of("on_invalid", self.on_invalid, ON_INVALID),
+            "on_damage": validation.one_of("on_damage", self.on_damage, ON_DAMAGE),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -180,9 +170,9 @@ def _check_outputs(names: Any) -> tuple[str, ...]:
     """Return names of outputs without repeats, or raise ``ValueError``."""
     choices = (names,) if isinstance(names, str) else names
     if not isinstance(choices, (list, tuple, set, frozenset)) or not choices:
-        raise ValueError(f"outputs must name at least one output, got {brief(names)}")
+        raise ValueError(f"outputs must name at least one output, got {validation.brief(names)}")
     for name in choices:
-        one_of("outputs", name, OUTPUT_CHOICES)
+        validation.one_of("outputs", name, OUTPUT_CHOICES)
     if "coco" in choices and "color" not in choices:
         raise ValueError(
             "outputs must name color with coco, which annotates the pictures; got "
@@ -216,8 +206,7 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
     ValueError
         If the scene has no extent that a camera fits.
     """
-    if not isinstance(recipe, Recipe):
-        raise ValueError(f"recipe must be a Recipe, got {brief(recipe)}")
+    validation.instance_of("recipe", recipe, Recipe)
     rotation = rotate_y_to(recipe.up)
     upward = transforms.apply(rotation, (0.0, 1.0, 0.0))
     sphere = measure_sphere(scene)
@@ -469,15 +458,12 @@ def _as_mesh_error(source: Path, name: str) -> Iterator[None]:
 
 def _check_arguments(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
     """Check all arguments; return the folder to render into, or raise ``ValueError``."""
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene must be a Scene, got {brief(scene)}")
-    target = existing_folder("folder", folder)
-    if not isinstance(recipe, Recipe):
-        raise ValueError(f"recipe must be a Recipe, got {brief(recipe)}")
-    if not isinstance(name, str):
-        raise ValueError(f"name must be a text, got {brief(name)}")
+    validation.instance_of("scene", scene, Scene)
+    target = validation.existing_folder("folder", folder)
+    validation.instance_of("recipe", recipe, Recipe)
+    validation.string("name", name)
     if not callable(check):
-        raise ValueError(f"check must be a function, got {brief(check)}")
+        raise ValueError(f"check must be a function, got {validation.brief(check)}")
     return target
 
 

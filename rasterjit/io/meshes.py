@@ -35,16 +35,10 @@ from rasterjit.io.text.stl import read_stl
 from rasterjit.io.text.xyz import XYZ_FORMATS, read_xyz
 from rasterjit.io.threemf.scene import load_3mf
 from rasterjit.io.trimesh.scene import TrimeshAdapter
+from rasterjit.scene import validation as check
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
-from rasterjit.scene.validation import (
-    bounded_number,
-    brief,
-    existing_file,
-    existing_folder,
-    one_of,
-)
 from rasterjit.scene.warning import warn_caller
 
 if TYPE_CHECKING:
@@ -73,7 +67,7 @@ def mesh_files(folder: str | Path) -> list[Path]:
     ValueError
         If there is no such folder.
     """
-    top = existing_folder("folder", folder).resolve()
+    top = check.existing_folder("folder", folder).resolve()
     meshes = []
     for root, folders, files in os.walk(top):
         folders[:] = [name for name in folders if not name.startswith(".")]
@@ -231,11 +225,11 @@ def load(
         Once, naming what the file has and the scene has not, such as further cameras; and if every
         material is fully transparent.
     """
-    bounded_number("crease_angle", crease_angle, 0.0, 180.0)
-    one_of("on_invalid", on_invalid, ON_INVALID)
-    one_of("on_damage", on_damage, ON_DAMAGE)
+    check.bounded_number("crease_angle", crease_angle, 0.0, 180.0)
+    check.one_of("on_invalid", on_invalid, ON_INVALID)
+    check.one_of("on_damage", on_damage, ON_DAMAGE)
     if not isinstance(isolate, bool) and not (isinstance(isolate, str) and isolate == "all"):
-        raise ValueError(f"isolate must be True, False or 'all', got {brief(isolate)}")
+        raise ValueError(f"isolate must be True, False or 'all', got {check.brief(isolate)}")
     if _is_trimesh(path) or find_package(path) is not None:
         for name, value, default in (
             ("on_damage", on_damage, "error"),
@@ -253,7 +247,7 @@ def load(
         if _is_trimesh(path):
             return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)
         return _from_foreign(path, on_invalid, crease_angle)
-    root = None if resource_root is None else existing_folder("resource_root", resource_root)
+    root = None if resource_root is None else check.existing_folder("resource_root", resource_root)
     file = _check_path(path)
     budget = MemoryBudget(str(file), max_bytes)
     decoder = Decoder(budget, isolate, _begin_session)
@@ -524,6 +518,6 @@ def _is_trimesh(what: Any) -> TypeGuard[trimesh.Trimesh | trimesh.Scene]:
 def _check_path(path: Any) -> Path:
     """Return the path of an existing file, or raise `MeshFileError`."""
     try:
-        return existing_file("path", path)
+        return check.existing_file("path", path)
     except ValueError as error:
         raise MeshFileError(str(error)) from None

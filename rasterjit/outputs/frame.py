@@ -534,8 +534,7 @@ class Frame(RenderedOutputs):
         --------
         rasterjit.show : Turn a scene by hand.
         """
-        if not isinstance(title, str):
-            raise ValueError(f"title must be a text, got {check.brief(title)}")
+        check.string("title", title)
         call_higher_level("show_picture", self, self.color, title or self.caption)
 
     @property
@@ -591,11 +590,9 @@ class Frame(RenderedOutputs):
         ValueError
             If no object has scalars, the node has none, or several bars are meant.
         """
-        if not isinstance(title, str):
-            raise ValueError(f"title must be a text, got {check.brief(title)}")
+        check.string("title", title)
         scale = find_scale(self.plan.facts.inventory.color_scales, node)
-        if not isinstance(unit, str):
-            raise ValueError(f"unit must be a text, got {check.brief(unit)}")
+        check.string("unit", unit)
         return draw_colorbar(scale, self.plan.size[1], title, font, unit=unit, extend=extend)
 
     def scale_bar(

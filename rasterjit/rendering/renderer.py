@@ -48,6 +48,7 @@ from rasterjit.rendering.supersample import Accumulation
 from rasterjit.runtime.background_compile import compile_in_background
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import FrameCache, Workers
+from rasterjit.scene import validation as check
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
@@ -55,13 +56,6 @@ from rasterjit.scene.lens import Lens
 from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import (
-    brief,
-    image_size,
-    positive_number,
-    sequence,
-    thread_count,
-)
 from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.deformation import pose_input
@@ -200,7 +194,7 @@ def explain(
     ValueError
         Naming the argument that is wrong.
     """
-    size, scene = image_size("size", size), pose_input(what)
+    size, scene = check.image_size("size", size), pose_input(what)
     request = check_request(size, quality, outputs, background, cull, diagnose, previous)
     if lens is not None:
         planned = lenses.plan_with_lens(lens, request, scene, camera, Workers(1))
@@ -475,14 +469,14 @@ def count_stats(
 def _callable_or_none(name: str, value: Any) -> Any:
     """Return a callable or ``None``; raise ``ValueError`` for anything else."""
     if value is not None and not callable(value):
-        raise ValueError(f"{name} must be a function or None, got {brief(value)}")
+        raise ValueError(f"{name} must be a function or None, got {check.brief(value)}")
     return value
 
 
 def _set_or_none(name: str, value: Any) -> set[str] | None:
     """Return a set, not copied, or ``None``; raise ``ValueError`` for anything else."""
     if value is not None and not isinstance(value, set):
-        raise ValueError(f"{name} must be a set or None, got {brief(value)}")
+        raise ValueError(f"{name} must be a set or None, got {check.brief(value)}")
     return value
 
 
@@ -526,7 +520,7 @@ class Renderer(Guarded):
 
     _FIELDS = ("size", "quality", "on_picture", "warned")
     _CHECKS = MappingProxyType({
-        "size": image_size,
+        "size": check.image_size,
         "quality": lambda _, value: check_quality(value),
         "on_picture": _callable_or_none,
         "warned": _set_or_none,
@@ -545,7 +539,7 @@ class Renderer(Guarded):
         self.size = size
         self.quality = check_quality(quality)
         self._threads = threads
-        self._workers = Workers(thread_count("threads", threads))
+        self._workers = Workers(check.thread_count("threads", threads))
         self._frame_cache = FrameCache(self._workers.memory)
         self._frame_cache_lock = threading.Lock()
         self._recorded_frames = RecordedFrames()
@@ -685,7 +679,7 @@ class Renderer(Guarded):
         is_lone: bool = False,
     ) -> Frame:
         """Render one frame in the best quality within a time; ``is_lone``: without any cache."""
-        budget = positive_number("time_budget", time_budget)
+        budget = check.positive_number("time_budget", time_budget)
         scene = pose_input(what)
         circumstances = (
             self.size, self._workers.threads, request.outputs, request.cull, request.diagnose,
@@ -711,7 +705,7 @@ class Renderer(Guarded):
         request: FrameRequest,
     ) -> Frame:
         """Render one frame in the fastest quality within an error bound."""
-        max_error = positive_number("max_error", max_error)
+        max_error = check.positive_number("max_error", max_error)
         if time_budget is not None:
             raise ValueError(
                 f"time_budget must be None where max_error is given, got {time_budget!r}"
@@ -775,7 +769,9 @@ class Renderer(Guarded):
         ValueError
             At once, naming the argument that is wrong.
         """
-        qualities = [check_quality(each, "each of first") for each in sequence("first", first)]
+        qualities = [
+            check_quality(each, "each of first") for each in check.sequence("first", first)
+        ]
         request = self._check_request(outputs, background, cull, diagnose, previous)
         return self._refine(request, pose_input(what), camera, qualities)
 

@@ -24,6 +24,7 @@ from rasterjit.scene.validation import (
     brief,
     finite_array,
     finite_number,
+    instance_of,
     number_array,
     one_of,
     string,
@@ -112,9 +113,8 @@ class Joint(HoldsArrays, Guarded):
         limits: tuple[float, float] | None = None,
         follows: Follows | tuple[Joint, float, float] | None = None,
     ) -> None:
-        if not isinstance(node, Node):
-            raise ValueError(f"node must be a Node, got {brief(node)}")
-        self._node, self._kind = node, one_of("kind", kind, JOINT_KINDS)
+        self._node = instance_of("node", node, Node)
+        self._kind = one_of("kind", kind, JOINT_KINDS)
         self._axis, self._origin = unit_triple("axis", axis), node.transform
         self._name = node.name
         self._limits = _check_limits(limits, self._kind)
@@ -313,8 +313,7 @@ class Joints(Guarded, Mapping[str, Joint]):
             If it is none or has a name in a scene, its name is taken or no text, or its node is not
             in the scene.
         """
-        if not isinstance(joint, Joint):
-            raise ValueError(f"joint must be a Joint, got {brief(joint)}")
+        instance_of("joint", joint, Joint)
         if string("name", name) in self._joints:
             raise ValueError(f"name must be that of no other joint, got {name!r}")
         if not self._scene._holds(joint.node):

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rasterjit.scene import portable_trig
+from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Float64, HoldsArrays
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.node import Node
-from rasterjit.scene.validation import brief, finite_array, finite_number, one_of, read_only
 
 ChannelPath: TypeAlias = Literal["translation", "rotation", "scale", "weights"]
 PATHS: tuple[ChannelPath, ...] = get_args(ChannelPath)
@@ -78,12 +78,10 @@ class Channel(HoldsArrays, Guarded):
         values: ArrayLike,
         interpolation: ChannelInterpolation = "LINEAR",
     ) -> None:
-        if not isinstance(node, Node):
-            raise ValueError(f"node must be a Node, got {brief(node)}")
-        self._node = node
-        self._path = one_of("path", path, PATHS)
-        self._interpolation = one_of("interpolation", interpolation, INTERPOLATIONS)
-        self._times = read_only(np.array(finite_array("times", times, (None,))))
+        self._node = check.instance_of("node", node, Node)
+        self._path = check.one_of("path", path, PATHS)
+        self._interpolation = check.one_of("interpolation", interpolation, INTERPOLATIONS)
+        self._times = check.read_only(np.array(check.finite_array("times", times, (None,))))
         if not len(self._times):
             raise ValueError("times must have a key, got none")
         if not (np.diff(self._times) > 0.0).all():
@@ -96,7 +94,9 @@ class Channel(HoldsArrays, Guarded):
             width = len(node.mesh.morph_targets)
         parts = (3,) if self._interpolation == "CUBICSPLINE" else ()
         shape = (len(self._times), *parts, width)
-        self._values = read_only(np.array(finite_array("values", values, shape), order="C"))
+        self._values = check.read_only(
+            np.array(check.finite_array("values", values, shape), order="C")
+        )
         if self._values.shape[-1] == 0:
             raise ValueError(f"values must have a number for each key, got {self._values.shape}")
         if self._path == "rotation":
@@ -144,7 +144,7 @@ class Channel(HoldsArrays, Guarded):
         (W,) float64
             Rotations are of unit length.
         """
-        seconds, times = finite_number("time", time), self._times
+        seconds, times = check.finite_number("time", time), self._times
         is_spline = self._interpolation == "CUBICSPLINE"
         keys = self._values[:, 1] if is_spline else self._values
         number = int(np.searchsorted(times, seconds, side="right")) - 1
@@ -203,13 +203,12 @@ class Animation(HoldsArrays, Guarded):
     def __init__(self, name: str, channels: Sequence[Channel]) -> None:
         self.name = name
         if isinstance(channels, (str, bytes)) or not isinstance(channels, Sequence):
-            raise ValueError(f"channels must be a sequence of Channel, got {brief(channels)}")
+            raise ValueError(f"channels must be a sequence of Channel, got {check.brief(channels)}")
         if not channels:
             raise ValueError("channels must have a Channel, got none")
         targets = set()
         for number, channel in enumerate(channels):
-            if not isinstance(channel, Channel):
-                raise ValueError(f"channels[{number}] must be a Channel, got {brief(channel)}")
+            check.instance_of(f"channels[{number}]", channel, Channel)
             if (id(channel.node), channel.path) in targets:
                 raise ValueError(
                     f"channels must each move something else, got two for the {channel.path} of "

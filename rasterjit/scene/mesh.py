@@ -358,8 +358,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
     @staticmethod
     def _check_material(name: str, value: Any) -> None:
         """Raise ``ValueError`` if a mesh of this kind cannot have a material."""
-        if not isinstance(value, Material):
-            raise ValueError(f"{name} must be a Material, got {check.brief(value)}")
+        check.instance_of(name, value, Material)
 
     @property
     def variants(self) -> Mapping[str, Material]:
@@ -478,10 +477,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         if joints is not None or weights is not None:
             self._joints, self._joint_weights = skin_arrays(joints, weights, len(self.vertices))
         if targets is not None:
-            if not isinstance(targets, MorphTargets):
-                raise ValueError(
-                    f"morph_targets must be a MorphTargets, got {check.brief(targets)}"
-                )
+            check.instance_of("morph_targets", targets, MorphTargets)
             if targets.vertex_count != len(self.vertices):
                 raise ValueError(
                     f"morph_targets must be for {len(self.vertices)} vertices, got targets for "

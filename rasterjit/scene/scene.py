@@ -341,8 +341,7 @@ class Scene(Guarded, PicturePreview):
         ValueError
             If it is not in the scene.
         """
-        if not isinstance(node, Node):
-            raise ValueError(f"node must be a Node, got {check.brief(node)}")
+        check.instance_of("node", node, Node)
         if not self._holds(node):
             raise ValueError(f"node must be in the scene, got {node!r}")
         self._check_unshared("node", node)
@@ -491,10 +490,7 @@ class Scene(Guarded, PicturePreview):
         if not isinstance(self.animations, list | tuple):
             raise ValueError(f"scene.animations must be a list, got {check.brief(self.animations)}")
         for number, item in enumerate(self.animations):
-            if not isinstance(item, Animation):
-                raise ValueError(
-                    f"scene.animations[{number}] must be an Animation, got {check.brief(item)}"
-                )
+            check.instance_of(f"scene.animations[{number}]", item, Animation)
         if not self.animations:
             raise ValueError("animation must be one of the scene's, which has none")
         node_ids = set(map(id, self._all_nodes()))

@@ -127,8 +127,7 @@ def check_section(name: str, value: Any) -> SectionPlane | tuple[SectionPlane, .
             f"{name} must be a SectionPlane, several or None, got {check.brief(value)}"
         )
     for number, plane in enumerate(value):
-        if not isinstance(plane, SectionPlane):
-            raise ValueError(f"{name}[{number}] must be a SectionPlane, got {check.brief(plane)}")
+        check.instance_of(f"{name}[{number}]", plane, SectionPlane)
     if len(value) > MAX_PLANES:
         raise ValueError(f"{name} must have at most {MAX_PLANES} planes, got {len(value)}")
     return tuple(value) or None

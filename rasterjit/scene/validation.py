@@ -9,13 +9,15 @@ import sys
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.attribute_guard import similar_names
 from rasterjit.scene.vectors import cross, dot
+
+Kind = TypeVar("Kind")
 
 MAX_SIZE = 16384
 """Largest image side, pixels: the edge functions are proved exact up to it."""
@@ -250,6 +252,14 @@ def string(name: str, value: Any) -> str:
     """Return ``value`` if it is a string, or raise ``ValueError``."""
     if not isinstance(value, str):
         raise ValueError(f"{name} must be a text, got {brief(value)}")
+    return value
+
+
+def instance_of(name: str, value: Any, kind: type[Kind]) -> Kind:
+    """Return ``value`` if it is of a class, or raise ``ValueError``."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise ValueError(f"{name} must be {article} {kind.__name__}, got {brief(value)}")
     return value
 
 
