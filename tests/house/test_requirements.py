@@ -23,6 +23,7 @@ ELSEWHERE = {
     "IPython": "ipykernel, which the extra names, requires it",
     "svg": "svg.path, which the extra names, provides it; without it what needs it is skipped",
     "PySide6": "the extra viewer-qt names it; without it what needs it is skipped",
+    "gradio": "it brings two glTF files; without it their tests are left out",
     "mujoco": "the extra mujoco names it; without it what needs it is skipped",
     "pybullet": "the extra pybullet names it; without it what needs it is skipped",
     "pybullet_data": "pybullet brings it",
