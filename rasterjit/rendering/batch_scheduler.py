@@ -28,15 +28,7 @@ from numpy.typing import NDArray
 
 from rasterjit import forks
 from rasterjit.outputs.output_table import is_attribute
-from rasterjit.pipeline.batch_driver import (
-    BETWEEN,
-    COVERED,
-    CUT,
-    LIT_PIXELS,
-    LIT_WHITE_PIXELS,
-    RATIO,
-    SCALED,
-)
+from rasterjit.pipeline import batch_driver
 from rasterjit.rendering import view_warnings
 from rasterjit.rendering.command_buffer import (
     CommandBuffer,
@@ -397,13 +389,13 @@ def set_exact_last_rows(places: Float64) -> Float64:
 def depth_conversion(camera: Any) -> tuple[int, float, float, float]:
     """Return the conversion of stored to metric depth, and its factors: see `measure_depths`."""
     if isinstance(camera, PerspectiveCamera):
-        return RATIO, default_near(camera.near, camera.far), 1.0, 0.0
+        return batch_driver.RATIO, default_near(camera.near, camera.far), 1.0, 0.0
     if isinstance(camera, OrthographicCamera):
-        return BETWEEN, camera.near, default_far(camera.far, camera.near), 0.0
+        return batch_driver.BETWEEN, camera.near, default_far(camera.far, camera.near), 0.0
     z_row, w_row = camera.clip_from_view[2:].tolist()
     if any(w_row[:3]):
-        return RATIO, camera.depth_coefficients()[0], length(w_row[:3]), 0.0
-    return SCALED, w_row[3], z_row[3], length(z_row[:3])
+        return batch_driver.RATIO, camera.depth_coefficients()[0], length(w_row[:3]), 0.0
+    return batch_driver.SCALED, w_row[3], z_row[3], length(z_row[:3])
 
 
 def make_light_rows(lights: Sequence[Light], camera: Camera, eyes: Float64) -> NDArray[np.float32]:
@@ -441,13 +433,13 @@ class GroupResult(NamedTuple):
 
 def count_chosen(totals: NDArray[np.int64], faces: int) -> NDArray[np.int64]:
     """Return ``COUNTED`` of views, (N, 9), by the totals of `CommandBuffer.draw`."""
-    lost = totals[:, :COVERED]
+    lost = totals[:, : batch_driver.COVERED]
     outside, degenerate, culled, unsampled, invalid = lost.T
     of_all = np.full(len(totals), faces)
     return np.stack(
         (
             of_all, outside, culled, degenerate, unsampled, invalid, of_all - lost.sum(axis=1),
-            totals[:, CUT], totals[:, COVERED],
+            totals[:, batch_driver.CUT], totals[:, batch_driver.COVERED],
         ),
         axis=1,
     )  # fmt: skip
@@ -504,7 +496,10 @@ class GroupRenderer:
                 prepared.fields, prepared.lights, pairs, contents
             )
             counts[chosen] = count_chosen(totals, self._faces)
-            lit, white = totals[:, LIT_PIXELS], totals[:, LIT_WHITE_PIXELS]
+            lit, white = (
+                totals[:, batch_driver.LIT_PIXELS],
+                totals[:, batch_driver.LIT_WHITE_PIXELS],
+            )
             for n in np.flatnonzero(2 * white > lit).tolist():
                 share = float(white[n] / lit[n])
                 warnings.add(numbers[chosen[n]], view_warnings.burnt_out(commands.facts, share))

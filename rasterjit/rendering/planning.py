@@ -40,27 +40,15 @@ from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.reference_shader import ReferenceShading
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import boolean, brief, one_of
-from rasterjit.survey import clip_planes, deformation, object_transforms
+from rasterjit.survey import clip_planes, deformation, object_counts, object_transforms
 from rasterjit.survey.cache import SceneCache, update_cache
-from rasterjit.survey.clip_planes import (
-    PlaneNeeds,
-    find_plane_needs,
-    find_uneven_spheres,
-    is_box_between,
-    merge_needs,
-)
+from rasterjit.survey.clip_planes import PlaneNeeds
 from rasterjit.survey.deformation import pose_input
 from rasterjit.survey.depth_format import REVERSED_TYPES, check_near_plane, make_depth_format
 from rasterjit.survey.effect import ActiveEffect, Planning, UnusedEffect, UsedEffect
 from rasterjit.survey.facts import Facts, collect_facts
 from rasterjit.survey.light_culling import apply_reference_shading, pack_headlight, pack_lights
-from rasterjit.survey.object_counts import (
-    Inventory,
-    check_masked_fields,
-    check_textures,
-    may_have_holes,
-    take_inventory,
-)
+from rasterjit.survey.object_counts import Inventory
 from rasterjit.survey.object_transforms import (
     Boxes,
     Extents,
@@ -135,7 +123,7 @@ def make_plan(
     size, quality, outputs, background, cull, diagnose, _ = request
     # Analyse the scene.
     if summary is None:
-        summary = take_inventory(scene.nodes, quality, scene.environment is not None)
+        summary = object_counts.take_inventory(scene.nodes, quality, scene.environment is not None)
     if views is None:
         views = transform_nodes_to_view(scene.nodes, camera, size)
     inventory, extents = summary
@@ -216,14 +204,16 @@ def _check_supported(scene: Scene, facts: Facts) -> None:
     if contents.points:
         _check_points(scene, facts)
     if contents.masked_fields:
-        check_masked_fields(scene.nodes)
+        object_counts.check_masked_fields(scene.nodes)
     if facts.colors_faces and contents.without_uv:
-        check_textures(scene.nodes, quality)
+        object_counts.check_textures(scene.nodes, quality)
     if contents.cutouts_without_uv and facts.finds_faces:
-        check_textures([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
+        object_counts.check_textures(
+            [node for node in scene.nodes if object_counts.may_have_holes(node.mesh)], quality
+        )
     if facts.discards_faint and contents.without_uv:
         clear = np.flatnonzero(facts.inventory.is_see_through).tolist()
-        check_textures([scene.nodes[number] for number in clear], quality)
+        object_counts.check_textures([scene.nodes[number] for number in clear], quality)
 
 
 def _check_reference_shading(scene: Scene, reference: ReferenceShading) -> None:
@@ -499,17 +489,17 @@ def share_clip_planes(
     cache = update_cache(scene.nodes, cache, quality, scene.environment is not None)
     # In most batches, all cameras stand outside of the whole scene.
     low, high = object_transforms.bound_boxes(cache.shapes.boxes, cache.transforms.world_from_model)
-    beyond = find_uneven_spheres(scene.nodes, cache.transforms.world_from_model)
+    beyond = clip_planes.find_uneven_spheres(scene.nodes, cache.transforms.world_from_model)
     to_check = [
         camera
         for camera in cameras
-        if (beyond and has_open_plane(camera)) or not is_box_between(low, high, camera)
+        if (beyond and has_open_plane(camera)) or not clip_planes.is_box_between(low, high, camera)
     ]
     if to_check and quality.depth_format not in REVERSED_TYPES:
         # All cameras limit how near a near plane may come.
         to_check = [camera for camera in cameras if has_open_plane(camera)]
     needs = [find_scene_plane_needs(scene, camera, size, quality, cache) for camera in to_check]
-    steps = merge_needs(needs).steps
+    steps = clip_planes.merge_needs(needs).steps
     return [move_planes(camera, *steps) for camera in cameras]
 
 
@@ -558,7 +548,9 @@ def find_scene_plane_needs(
         cache.extents, view_camera.eye_position(), views.relative_from_model,
         views.clip_from_relative, overhang=cache.tables.inventory.pixel_overhang(size),
     )  # fmt: skip
-    return find_plane_needs(camera, boxes, scene.nodes, views.clip_from_relative, quality)
+    return clip_planes.find_plane_needs(
+        camera, boxes, scene.nodes, views.clip_from_relative, quality
+    )
 
 
 def _have_planes_moved(before: Camera, after: Camera) -> bool:

@@ -30,15 +30,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.survey import object_transforms, packed_scene
 from rasterjit.survey.object_counts import SMOOTH, Attribute, Inventory
 from rasterjit.survey.object_transforms import Extents, ObjectTransforms, compute_mesh_boxes
-from rasterjit.survey.packed_scene import (
-    SceneArrays,
-    join_alpha_tests,
-    join_fields,
-    join_layers,
-    join_maps,
-    join_microfacets,
-    join_textures,
-)
+from rasterjit.survey.packed_scene import SceneArrays
 from rasterjit.survey.quality_overrides import override_key, override_meshes
 
 if TYPE_CHECKING:
@@ -247,7 +239,7 @@ class MaterialTables:
     @cached_property
     def textures(self) -> Textures:
         """The textures of all objects and their texture coordinates."""
-        return join_textures(self.meshes)
+        return packed_scene.join_textures(self.meshes)
 
     @cached_property
     def coded_textures(self) -> CodedTextures:
@@ -259,7 +251,7 @@ class MaterialTables:
         if has_textures not in self._alpha_tests:
             starts = self._shapes.arrays.face_starts
             textures = self.textures if has_textures else None
-            self._alpha_tests[has_textures] = join_alpha_tests(
+            self._alpha_tests[has_textures] = packed_scene.join_alpha_tests(
                 self.meshes, starts, self.surface, textures
             )
         return self._alpha_tests[has_textures]
@@ -267,7 +259,7 @@ class MaterialTables:
     @cached_property
     def microfacets(self) -> Microfacets:
         """Metallic and roughness of all objects."""
-        return join_microfacets(self.meshes)
+        return packed_scene.join_microfacets(self.meshes)
 
     @cached_property
     def transmission(self) -> TransmissionRows:
@@ -277,17 +269,17 @@ class MaterialTables:
     @cached_property
     def layers(self) -> Layers:
         """Clearcoat, sheen and custom specular of all objects."""
-        return join_layers(self.meshes)
+        return packed_scene.join_layers(self.meshes)
 
     @cached_property
     def fields(self) -> VertexScalars:
         """The scalars of all objects' vertices, and the colour maps that show them."""
-        return join_fields(self.meshes)
+        return packed_scene.join_fields(self.meshes)
 
     @cached_property
     def maps(self) -> Maps:
         """Material maps of all objects besides base colour."""
-        return join_maps(self.meshes, self.inventory.kinds_apart)
+        return packed_scene.join_maps(self.meshes, self.inventory.kinds_apart)
 
     @cached_property
     def is_single_sided(self) -> NDArray[np.bool_]:

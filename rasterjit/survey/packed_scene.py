@@ -38,16 +38,8 @@ from rasterjit.scene.mip_levels import level_sizes
 from rasterjit.scene.normals import GROUPS
 from rasterjit.scene.points import Points
 from rasterjit.scene.texture import WEIGHTED, AlphaUse, Pyramid, Texture
-from rasterjit.survey.object_counts import (
-    Attribute,
-    find_alpha_use,
-    find_base_color,
-    find_contours,
-    is_transmissive,
-    list_textures,
-    list_uv_sets,
-    may_have_holes,
-)
+from rasterjit.survey import object_counts
+from rasterjit.survey.object_counts import Attribute
 from rasterjit.survey.object_transforms import ViewTransforms
 
 SHADING_CODES = {
@@ -240,7 +232,9 @@ def join_uv(meshes: Sequence[Mesh], kind: int | None = None) -> NDArray[np.float
         (
             mesh.uv
             if kind is None
-            else mesh.uv_sets[list_uv_sets(list_textures(mesh.material))[kind]],
+            else mesh.uv_sets[
+                object_counts.list_uv_sets(object_counts.list_textures(mesh.material))[kind]
+            ],
             len(mesh.vertices),
             count,
         )
@@ -279,7 +273,7 @@ def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) ->
     runs = group_instances(meshes)
     rows = [
         (
-            *find_base_color(mesh),
+            *object_counts.find_base_color(mesh),
             mesh.material.specular,
             mesh.material.shininess,
             SHADING_CODES[mesh.material.shading],
@@ -350,7 +344,7 @@ def join_transmission(meshes: Sequence[Mesh]) -> TransmissionRows:
     rows, factors = [], []
     for mesh, _ in runs:
         m, scale = mesh.material, _compute_joint_scale(mesh)
-        rows.append((m.transmission * is_transmissive(mesh), m.thickness * scale))
+        rows.append((m.transmission * object_counts.is_transmissive(mesh), m.thickness * scale))
         f0 = min(_compute_dielectric_f0(m.ior) * max(m.specular_color), 1.0)
         attenuation = *m.attenuation_color, 1.0 / m.attenuation_distance
         factors.append((m.ior, f0, m.specular_factor, *attenuation))
@@ -433,7 +427,9 @@ def join_fields(meshes: Sequence[Mesh]) -> VertexScalars:
         np.concatenate(thresholds),
         _repeat(entries, runs, np.int64),
         np.concatenate(colors),
-        _join_contours(runs) if any(find_contours(mesh) for mesh, _ in runs) else None,
+        _join_contours(runs)
+        if any(object_counts.find_contours(mesh) for mesh, _ in runs)
+        else None,
     )
 
 
@@ -441,7 +437,7 @@ def _join_contours(runs: Sequence[tuple[Mesh, int]]) -> IsoLines:
     """Join the iso-lines of all objects."""
     levels, ranges, lines, first = [], [], [], 0
     for mesh, _ in runs:
-        contours, values = find_contours(mesh), np.empty(0)
+        contours, values = object_counts.find_contours(mesh), np.empty(0)
         if contours is not None and mesh.field is not None:
             values = mesh.field.levels
         levels.append(values)
@@ -574,7 +570,7 @@ def join_coded_textures(meshes: Sequence[Mesh], is_coded: NDArray[np.bool_]) -> 
             images.append(_encode_picture(pyramid.image))
             first += len(images[-1])
         wraps = (WRAP_CODES[wrap] for wrap in texture.wrap)
-        factor = encode_color(np.array(find_base_color(meshes[number]), np.float32))
+        factor = encode_color(np.array(object_counts.find_base_color(meshes[number]), np.float32))
         table[number] = (
             firsts[pyramid], *pyramid.size, *wraps, FILTER_CODES[texture.filter],
             factor & WHITE,
@@ -614,7 +610,7 @@ def join_alpha_tests(
 ) -> AlphaTests:
     """Return the inputs of the alpha test; ``textures`` is None if the test needs none."""
     cutoffs = {
-        mesh: mesh.material.alpha_cutoff if may_have_holes(mesh) else 0.0
+        mesh: mesh.material.alpha_cutoff if object_counts.may_have_holes(mesh) else 0.0
         for mesh in dict.fromkeys(meshes)
     }
     no_colors = np.empty((0, 4), np.float32)
@@ -630,7 +626,7 @@ def join_alpha_tests(
 
 def _merge_alpha_use(mesh: Mesh) -> AlphaUse:
     """Return `find_alpha_use` with one cutoff for all that select the same texels."""
-    use, texture = find_alpha_use(mesh), mesh.material.base_color_texture
+    use, texture = object_counts.find_alpha_use(mesh), mesh.material.base_color_texture
     if texture is None or not isinstance(use, float):
         return use
     return texture.pyramid.min_alpha_above(use)

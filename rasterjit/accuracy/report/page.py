@@ -15,14 +15,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rasterjit.accuracy.choice import choose, is_measured, is_slower
+from rasterjit.accuracy.report import plots
 from rasterjit.accuracy.report.picture_crops import encode_webp_uri, make_album, make_thumbnail
-from rasterjit.accuracy.report.plots import (
-    DARK_COLORS,
-    LIGHT_COLORS,
-    PAGE_MODULES,
-    plot_front,
-    require_extra,
-)
 from rasterjit.accuracy.results import (
     COMBINATIONS,
     CPU,
@@ -129,7 +123,7 @@ def write_page(study: Study, folder: str | Path, sentences: dict[str, str]) -> P
     OSError
         If the folder or the file cannot be written; a page that was there is left as it was.
     """
-    require_extra(*PAGE_MODULES)
+    plots.require_extra(*plots.PAGE_MODULES)
     if not isinstance(folder, (str, os.PathLike)):
         raise ValueError(f"folder must be the name of a folder, got {folder!r}")
     folder = Path(folder)
@@ -181,14 +175,14 @@ def _list_variables(study: Study, sentences: dict[str, str]) -> dict[str, Any]:
         "album": album,
         "desktop_zoom": max(MAX_CROP_WIDTH_DESKTOP // crop_width, 1),
         "phone_zoom": max(MAX_CROP_WIDTH_PHONE // crop_width, 1),
-        "light": LIGHT_COLORS,
-        "dark": DARK_COLORS,
+        "light": plots.LIGHT_COLORS,
+        "dark": plots.DARK_COLORS,
         "style": read_template("page.css"),
         "script": read_template("page.js"),
         "take": format_options(choose(study).trial, study.standard),
         "quartiles": _format_quartiles(study),
         "time_note": TIME_NOTES[study.clock],
-        "plot": plot_front(study, "front-"),
+        "plot": plots.plot_front(study, "front-"),
         "points": sorted((study.standard, *study.trials), key=lambda t: (t.ratio, t.label)),
         "labels": [trial.label for trial in front],
         "not_measured": NOT_MEASURED,

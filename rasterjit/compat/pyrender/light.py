@@ -8,14 +8,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.compat.pyrender.fields import (
-    Field,
-    OwnedField,
-    keep_any,
-    to_number,
-    to_positive_or_none,
-    to_text_or_none,
-)
+from rasterjit.compat.pyrender import fields
+from rasterjit.compat.pyrender.fields import Field, OwnedField
 from rasterjit.compat.pyrender.utils import format_color_vector
 from rasterjit.scene import light
 
@@ -52,10 +46,12 @@ class Light(abc.ABC):
         self.intensity = 1.0 if intensity is None else intensity
         self.shadow_texture = None
 
-    name = Field(to_text_or_none, "str or None: the light's name.")
+    name = Field(fields.to_text_or_none, "str or None: the light's name.")
     color = Field(lambda value: format_color_vector(value, 3), "(3,) float32: linear RGB.")
-    intensity = Field(to_number, "float: factor on the colour.")
-    shadow_texture = Field(keep_any, "As it was set, and without effect: shadow maps are not kept.")
+    intensity = Field(fields.to_number, "float: factor on the colour.")
+    shadow_texture = Field(
+        fields.keep_any, "As it was set, and without effect: shadow maps are not kept."
+    )
 
     @abc.abstractmethod
     def convert(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
@@ -97,7 +93,7 @@ class PointLight(Light):
         super().__init__(color, intensity, name)
         self.range = range
 
-    range = Field(to_positive_or_none, "float or None: a distance in scene units; kept.")
+    range = Field(fields.to_positive_or_none, "float or None: a distance in scene units; kept.")
 
     def convert(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
@@ -135,7 +131,7 @@ class SpotLight(Light):
         self.innerConeAngle = innerConeAngle
         self.range = range
 
-    range = Field(to_positive_or_none, "float or None: a distance in scene units; kept.")
+    range = Field(fields.to_positive_or_none, "float or None: a distance in scene units; kept.")
 
     outerConeAngle = Field(
         lambda value: _check_angle(value, _MAX_ANGLE),
@@ -159,7 +155,7 @@ class SpotLight(Light):
 
 def _check_angle(value: float, most: float) -> float:
     """Return an angle in 0..most, radians, or raise ``ValueError``."""
-    angle = to_number(value)
+    angle = fields.to_number(value)
     if not 0.0 <= angle <= most:
         raise ValueError(f"must be in 0..{most:g} radians, got {angle:g}")
     return angle

@@ -9,19 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.compat.opengl_camera import flip_rows, make_matrix_camera
+from rasterjit.compat.pyrender import conversion
 from rasterjit.compat.pyrender.constants import NORMALS, SHADOW_TEX_SZ, RenderFlags, TextAlign
-from rasterjit.compat.pyrender.conversion import (
-    ConvertedScene,
-    LightView,
-    Viewpoint,
-    casts_shadows,
-    check_flags,
-    convert_scene,
-    decode_background,
-    make_camera,
-    make_light_camera,
-    quantize_background,
-)
+from rasterjit.compat.pyrender.conversion import ConvertedScene, LightView, Viewpoint
 from rasterjit.compat.pyrender.fields import Field, NoOpenGLError, to_number
 from rasterjit.compat.pyrender.light import DirectionalLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
@@ -161,13 +151,15 @@ class OffscreenRenderer:
         if not isinstance(scene, Scene):
             raise ValueError(f"scene must be a Scene of this module, got {brief(scene)}")
         # Offscreen pyrender draws normals too late for its picture.
-        checked_flags = check_flags(flags) & ~NORMALS
+        checked_flags = conversion.check_flags(flags) & ~NORMALS
         extra = _check_names(outputs)
         size = image_size(
             "viewport_width, viewport_height", (self.viewport_width, self.viewport_height)
         )
         viewpoint = Viewpoint(
-            make_camera(scene, size), size, positive_number("point_size", self.point_size)
+            conversion.make_camera(scene, size),
+            size,
+            positive_number("point_size", self.point_size),
         )
         depths = DepthFormat.of(viewpoint.camera, scene)
         if checked_flags & RenderFlags.SEG:
@@ -175,7 +167,9 @@ class OffscreenRenderer:
                 scene, viewpoint, checked_flags, dict(seg_node_map or {}), depths
             )
         elif checked_flags & RenderFlags.DEPTH_ONLY:
-            converted = convert_scene(scene, checked_flags, shapes_alone=True, viewpoint=viewpoint)
+            converted = conversion.convert_scene(
+                scene, checked_flags, shapes_alone=True, viewpoint=viewpoint
+            )
             frame = self._draw_shapes(converted, viewpoint, ("depth",), _FIRST_SAMPLE)
             depth = depths.read(frame, size)
         else:
@@ -196,14 +190,14 @@ class OffscreenRenderer:
         self, scene: Scene, viewpoint: Viewpoint, flags: RenderFlags, depths: DepthFormat
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Render colour and depth."""
-        codes = quantize_background(scene)
+        codes = conversion.quantize_background(scene)
         has_alpha = bool(flags & RenderFlags.RGBA)
         views = self._render_light_views(scene, flags, viewpoint.point_size)
-        converted = convert_scene(scene, flags, viewpoint=viewpoint, views=views)
+        converted = conversion.convert_scene(scene, flags, viewpoint=viewpoint, views=views)
         background = codes.copy()
         # With alpha the background is blended in afterwards, by its codes.
         background[3] = 0 if has_alpha and not converted.fades else 255
-        light = decode_background(background, flags)
+        light = conversion.decode_background(background, flags)
         frame = self._draw(converted, viewpoint, ("color", "depth"), _COLOR_QUALITY, light)
         if frame is None:
             channels = 4 if has_alpha else 3
@@ -228,11 +222,11 @@ class OffscreenRenderer:
             light = node.light
             if not isinstance(light, DirectionalLight | SpotLight):
                 continue
-            if not casts_shadows(light, flags) or not scene.scale > 0.0:
+            if not conversion.casts_shadows(light, flags) or not scene.scale > 0.0:
                 continue
-            camera, size = make_light_camera(scene, node), (SHADOW_TEX_SZ, SHADOW_TEX_SZ)
+            camera, size = conversion.make_light_camera(scene, node), (SHADOW_TEX_SZ, SHADOW_TEX_SZ)
             viewpoint = Viewpoint(camera, size, point_size)
-            shapes = convert_scene(
+            shapes = conversion.convert_scene(
                 scene, RenderFlags.DEPTH_ONLY, shapes_alone=True, viewpoint=viewpoint
             )
             frame = self._draw(shapes, viewpoint, ("depth",), _SHADOW_QUALITY)
@@ -248,9 +242,9 @@ class OffscreenRenderer:
 
         OpenGL blends alphas as it blends colours: so they are drawn as greys.
         """
-        greys = convert_scene(scene, flags, alphas_alone=True, viewpoint=viewpoint)
+        greys = conversion.convert_scene(scene, flags, alphas_alone=True, viewpoint=viewpoint)
         codes = np.array([background_alpha] * 3 + [255], np.uint8)
-        light = decode_background(codes, RenderFlags.FLAT)
+        light = conversion.decode_background(codes, RenderFlags.FLAT)
         frame = self._draw(greys, viewpoint, ("color",), _COLOR_QUALITY, light)
         return frame.color[::-1, :, 0]
 
@@ -263,7 +257,7 @@ class OffscreenRenderer:
         depths: DepthFormat,
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Render the nodes of a map in their colours, and their depth."""
-        converted = convert_scene(
+        converted = conversion.convert_scene(
             scene, flags, only=set(colors), shapes_alone=True, viewpoint=viewpoint
         )
         # pyrender draws these without multisampling: at the centres of pixels.
@@ -312,7 +306,9 @@ class OffscreenRenderer:
         """Render extra outputs at the position in each pixel where its depth is taken."""
         offset = (0.0, 0.0) if flags & RenderFlags.SEG else _FIRST_SAMPLE
         solid = flags | RenderFlags.ALL_SOLID
-        converted = convert_scene(scene, solid, only=only, shapes_alone=True, viewpoint=viewpoint)
+        converted = conversion.convert_scene(
+            scene, solid, only=only, shapes_alone=True, viewpoint=viewpoint
+        )
         frame = self._draw_shapes(converted, viewpoint, names, offset)
         if frame is not None:
             return {name: getattr(frame, name)[::-1].copy() for name in names}

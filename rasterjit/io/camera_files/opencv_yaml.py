@@ -26,17 +26,11 @@ from rasterjit.io.camera_files.yaml_files import format_numbers, get_matrix, quo
 from rasterjit.io.cameras import intrinsic_matrix
 from rasterjit.io.gltf.json_checks import get_integer, get_list
 from rasterjit.io.load_warnings import LeftOut
+from rasterjit.scene import transforms
 from rasterjit.scene.arrays import Float64
 from rasterjit.scene.decomposed_transform import decompose
 from rasterjit.scene.lens import FisheyeLens, PinholeDistortion
-from rasterjit.scene.transforms import (
-    Matrix,
-    arc_tangent,
-    compose,
-    identity,
-    inverse,
-    rotate,
-)
+from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import image_size
 from rasterjit.scene.vectors import length
 
@@ -90,7 +84,7 @@ def read_opencv(
             inner *= len(poses)
         else:
             inner = [_read_intrinsics(document, *keys, size) for keys in stereo]
-            poses = [identity(), _read_stereo_pose(file, document, left_out)]
+            poses = [transforms.identity(), _read_stereo_pose(file, document, left_out)]
     except NoLensError as error:
         raise ValueError(f"no lens here stands for {error}") from None
     names = _read_names(document, len(poses))
@@ -130,7 +124,7 @@ def _read_intrinsics(
 def _read_views(document: dict[str, Any]) -> list[Matrix]:
     """Return the poses of the views of a calibration; the identity if it has none."""
     if document.get("extrinsic_parameters") is None:
-        return [identity()]
+        return [transforms.identity()]
     rows = get_matrix(document, "extrinsic_parameters")
     if rows.shape[1] != 6 or not len(rows):
         raise ValueError(f"extrinsic_parameters must have shape (n, 6), got {rows.shape}")
@@ -166,9 +160,9 @@ def _make_pose(rotation: Float64, translation: Float64) -> Matrix:
     if rotation.size == 3:
         vector = rotation.ravel().tolist()
         angle = math.degrees(length(vector))
-        pose = rotate(vector, angle) if angle else identity()
+        pose = transforms.rotate(vector, angle) if angle else transforms.identity()
     else:
-        pose = identity()
+        pose = transforms.identity()
         pose[:3, :3] = rotation
     pose[:3, 3] = translation
     return pose
@@ -181,7 +175,7 @@ def _rotation_vector(pose: Matrix) -> list[float]:
     if sine == 0.0:
         return [0.0, 0.0, 0.0]
     # A turn by more than half of one is one the other way.
-    angle = math.radians(2.0 * arc_tangent(sine, abs(w)))
+    angle = math.radians(2.0 * transforms.arc_tangent(sine, abs(w)))
     return [math.copysign(1.0, w) * part * angle / sine for part in axis]
 
 
@@ -219,7 +213,7 @@ def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
             calibration.refuse_moved(poses[0], FORMAT)
         for one, keys in zip(inner, STEREO[0], strict=True):
             lines += _format_intrinsics(one, *keys)
-        step = compose(poses[1], inverse(poses[0]))
+        step = transforms.compose(poses[1], transforms.inverse(poses[0]))
         lines += _format_matrix("R", step[:3, :3].tolist())
         lines += _format_matrix("T", step[:3, 3:].tolist())
     if any(camera.name for camera in cameras):

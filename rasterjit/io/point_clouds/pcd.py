@@ -21,15 +21,9 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud
 from rasterjit.io.resources import Resources
+from rasterjit.io.text import number_parser
 from rasterjit.io.text.mesh_builder import normalize_names, srgb_to_rgba
-from rasterjit.io.text.number_parser import (
-    MEMORY_PER_BINARY_BYTE,
-    Damage,
-    TextLines,
-    find_line_ending,
-    parse_equal_rows,
-    parse_float,
-)
+from rasterjit.io.text.number_parser import Damage, TextLines
 
 _MIN_BACK_REFERENCE = 32
 """Control bytes below this precede literal bytes; others begin a back reference."""
@@ -141,7 +135,7 @@ def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         header = _read_header(data)
         resources.budget.take(
             f"its {header.point_count} points",
-            header.point_count * MEMORY_PER_BINARY_BYTE * header.point_bytes,
+            header.point_count * number_parser.MEMORY_PER_BINARY_BYTE * header.point_bytes,
         )
         left_out.note("viewpoint", int(header.has_viewpoint))
         if header.encoding == "ascii":
@@ -163,7 +157,7 @@ def _read_header(data: bytes) -> _Header:
     """Read the header of a file, or raise ``ValueError``."""
     # Lines of a keyword and its values, up to DATA.
     values: dict[str, list[str]] = {}
-    at, number, ending = 0, 0, find_line_ending(data)
+    at, number, ending = 0, 0, number_parser.find_line_ending(data)
     while "DATA" not in values:
         end = data.find(ending, at)
         if end < 0:
@@ -211,7 +205,9 @@ def _read_header(data: bytes) -> _Header:
     if encoding not in ("ascii", "binary", "binary_compressed"):
         raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {encoding[:40]!r}")
     default = _DEFAULT_VIEWPOINT
-    viewpoint = [parse_float(word) for word in values.get("VIEWPOINT", ())[: len(default)]]
+    viewpoint = [
+        number_parser.parse_float(word) for word in values.get("VIEWPOINT", ())[: len(default)]
+    ]
     return _Header(fields, points, encoding, at, viewpoint != list(default[: len(viewpoint)]))
 
 
@@ -234,7 +230,7 @@ def _read_text(lines: TextLines, header: _Header, damage: Damage) -> dict[str, N
         )
     rows = rows[: header.point_count]
     row_name = f"a point ({', '.join(field.name for field in header.fields)})"
-    table = parse_equal_rows(lines, rows, width, row_name, damage)
+    table = number_parser.parse_equal_rows(lines, rows, width, row_name, damage)
     columns, at = {}, 0
     for field in header.fields:
         with np.errstate(invalid="ignore", over="ignore"):

@@ -17,19 +17,10 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud, LineSet
 from rasterjit.io.resources import Resources
-from rasterjit.io.text import mesh_builder
+from rasterjit.io.text import mesh_builder, number_parser
 from rasterjit.io.text.mesh_builder import Geometry, MeshData, Names
 from rasterjit.io.text.mtl import MtlLibrary
-from rasterjit.io.text.number_parser import (
-    MEMORY_PER_CORNER,
-    MEMORY_PER_ROW,
-    Damage,
-    TextLines,
-    make_row_table,
-    mark_word_starts,
-    parse_numbers,
-    parse_rows,
-)
+from rasterjit.io.text.number_parser import Damage, TextLines
 from rasterjit.scene.lines import split_into_segments
 from rasterjit.scene.material import Material
 
@@ -143,11 +134,13 @@ class _ObjFile:
         self._is_valid: dict[str, NDArray[np.bool_]] = {}
         what = {"v": "a vertex", "vt": "a texture coordinate", "vn": "a normal"}
         for kind, which in self._kind_lines.items():
-            self._budget.take(f"{len(which)} rows of {kind}", len(which) * MEMORY_PER_ROW)
-            values, counts = parse_rows(
+            self._budget.take(
+                f"{len(which)} rows of {kind}", len(which) * number_parser.MEMORY_PER_ROW
+            )
+            values, counts = number_parser.parse_rows(
                 self._lines, which, len(kind), _MIN_NUMBERS[kind], what[kind], self._damage
             )
-            self._tables[kind], self._is_valid[kind] = make_row_table(
+            self._tables[kind], self._is_valid[kind] = number_parser.make_row_table(
                 values, counts, _MAX_NUMBERS[kind]
             )
         if self._tables["vt"].shape[1] == 1:
@@ -189,7 +182,8 @@ class _ObjFile:
                 batch_result = self._read_batch_by_line(letter, batch, least)
             self._budget.take(
                 "the corners of its faces",
-                len(batch) * MEMORY_PER_ROW + len(batch_result[0]) * MEMORY_PER_CORNER,
+                len(batch) * number_parser.MEMORY_PER_ROW
+                + len(batch_result[0]) * number_parser.MEMORY_PER_CORNER,
             )
             refs.append(batch_result[0])
             counts.append(batch_result[1])
@@ -205,7 +199,7 @@ class _ObjFile:
         slashes = content == ord("/")
         without_slashes = np.where(slashes, np.uint8(ord(" ")), content)
         # A number begins a corner, or is behind a slash or two.
-        starts = np.flatnonzero(mark_word_starts(without_slashes))
+        starts = np.flatnonzero(number_parser.mark_word_starts(without_slashes))
         slashed = [slashes[np.maximum(starts - back, 0)] for back in (1, 2, 3)]
         begins = np.flatnonzero(~slashed[0])
         counts = np.diff(np.searchsorted(starts[begins], offsets), append=len(begins))
@@ -213,7 +207,7 @@ class _ObjFile:
             return None
         if (slashes[1:] & (content[:-1] <= ord(" "))).any() or slashes[:1].any():
             return None
-        numbers = parse_numbers(without_slashes, len(starts), np.int64)
+        numbers = number_parser.parse_numbers(without_slashes, len(starts), np.int64)
         if numbers is None or (numbers == 0).any():
             return None
         sizes = np.diff(begins, append=len(starts))
