@@ -46,7 +46,8 @@ class Colormap(HoldsArrays, Guarded):
         other side; or the entries themselves in sRGB: ``uint8`` codes, or floats in 0..1, which
         are *not* linear light here: so are the maps that others publish. Floats become 8-bit codes
         as in Matplotlib, rounded down. Alpha is 1 where it is not given. Or a mapping of names to
-        colours: categories, for scalars of faces that are 0, 1, 2 ...; see ``categories``.
+        colours: categories, for scalars that are 0, 1, 2 ...; see ``categories``. Those of vertices
+        are interpolated as any are: between a 0 and a 2 there is a 1, so give those of faces.
     under, over : colour, optional
         Of values below and above the range. Default: those of its ends, or Matplotlib's map's own.
     bad : colour, optional

@@ -122,7 +122,7 @@ class LogNorm(Norm):
         """Return where each entry begins: see `Norm.thresholds`."""
         low, high = self.range
         if low == high:
-            starts = [-np.inf, *[np.inf] * count]
+            starts = [self._least(), *[np.inf] * count]
         else:
             inner = [Decimal(n) / count for n in range(1, count)]
             starts = [low, *self._values(inner), float(np.nextafter(high, np.inf))]
@@ -170,6 +170,10 @@ class SymLogNorm(LogNorm):
         if size <= LINEAR_SHARE:
             return place / LINEAR_SHARE * width
         return width * (Decimal(10) ** (size - LINEAR_SHARE)).copy_sign(place)
+
+
+OWN_NORMS = {"Normalize": Norm, "LogNorm": LogNorm}
+"""Norms of Matplotlib that are norms of RasterJIT's."""
 
 
 class ForeignNorm(Norm):
@@ -320,25 +324,36 @@ def parse_percent(text: str) -> float:
     return share
 
 
-def _copy_foreign(norm: Any, range: Any, values: Float64) -> ForeignNorm:
+def _copy_foreign(norm: Any, range: Any, values: Float64) -> Norm:
     """Return a norm of Matplotlib's with limits of its own; the one given stays as it is."""
-    own = copy.deepcopy(norm)
-    if None not in (own.vmin, own.vmax):
-        if range is not None:
-            raise ValueError(
-                f"range must be None where norm has its own, {own.vmin!r} to {own.vmax!r}; "
-                f"got {check.short_repr(range)}"
-            )
-    elif range is not None:
-        own.vmin, own.vmax = find_range(range, values)
-    else:
-        own.autoscale_None(values)
+    limits = norm.vmin, getattr(norm, "vmax", None)
+    if range is not None and any(limit is not None for limit in limits):
+        raise ValueError(
+            f"range must be None where norm has its own, {limits[0]!r} to {limits[1]!r}; "
+            f"got {check.short_repr(range)}"
+        )
+    wanted = None if range is None else find_range(range, values)
     try:
+        own = copy.deepcopy(norm)
+        if wanted is not None:
+            own.vmin, own.vmax = wanted
+        elif any(limit is None for limit in limits):
+            own.autoscale_None(values)
         check_range((own.vmin, own.vmax))
+        # Some norms change their limits when they are called.
         own(np.array([own.vmin, own.vmax]))
-    except (TypeError, ValueError) as error:
+        foreign = ForeignNorm(own)
+        foreign._call(np.array(foreign.range))
+    except (AttributeError, TypeError, ValueError) as error:
         raise ValueError(f"norm does not fit its range: {error}; got {norm!r}") from error
-    return ForeignNorm(own)
+    if wanted not in (None, foreign.range):
+        raise ValueError(
+            f"range must be one that norm leaves as it is, not {foreign.range!r} in its place; "
+            f"got {check.short_repr(range)}"
+        )
+    is_own = type(norm).__module__ == "matplotlib.colors" and not norm.clip
+    own_type = OWN_NORMS.get(type(norm).__name__) if is_own else None
+    return foreign if own_type is None else own_type(foreign.range)
 
 
 def interpolate(value: float, knots: Sequence[float], values: Sequence[float]) -> float:

@@ -35,7 +35,7 @@ class ColorScale(NamedTuple):
     exceeds: tuple[bool, bool] = (False, False)
     """Whether values lie below the range, and above."""
 
-    def _looks(self) -> tuple[Any, ...]:
+    def _list_entries(self) -> tuple[Any, ...]:
         """Return where entries begin, their colours and names, and those outside the range."""
         shown, starts = self.colormap, self.thresholds
         colors = shown.codes.tobytes(), shown.under.tobytes(), shown.over.tobytes()
@@ -43,7 +43,7 @@ class ColorScale(NamedTuple):
 
     def equals(self, other: ColorScale) -> bool:
         """Tell whether finite values have the same colours in both."""
-        return self.norm.range == other.norm.range and self._looks() == other._looks()
+        return self.norm.range == other.norm.range and self._list_entries() == other._list_entries()
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +174,13 @@ def make_field(
     if contours is not None and len(values) != counts[0]:
         raise ValueError("contours must be None where scalars are those of faces, without slopes")
     table = read_colormap(colormap)
-    if range is None and table.categories:
-        range = (-0.5, len(table) - 0.5)
+    if table.categories:
+        if norm is not None and not (isinstance(norm, str) and norm == "linear"):
+            raise ValueError(
+                "norm must be None where colormap has categories, which are numbers from 0; got "
+                f"{check.short_repr(norm)}"
+            )
+        range = (-0.5, len(table) - 0.5) if range is None else range
     spread = make_norm(norm, range, values)
     is_even = type(spread) is Norm and not table.has_ends
     color = table.bad if nan_color is None else linear_color("nan_color", nan_color)

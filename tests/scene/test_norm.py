@@ -10,6 +10,9 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.outputs.ticks import find_log_ticks, find_symlog_ticks, find_ticks
+from rasterjit.pipeline.surface.scalar_colors import find_entry
+from rasterjit.scene.colormap import range_divisor
+from rasterjit.scene.norm import Norm
 from rasterjit.scene.scalar_field import make_field
 
 CASES = 2000
@@ -161,6 +164,21 @@ def test_entries_of_logarithms_begin_at_numbers_rounded_once():
     assert starts[129] == 0.0
     assert np.array_equal(starts[2:257], -starts[256:1:-1])
     assert own_field([3.0, 3.0], norm="log").entries([2.9, 3.0, 3.1]).tolist() == [1, 1, 1]
+    assert own_field([1.0, -1.0], norm="log").entries([1.0, 0.0, -1.0]).tolist() == [1, 258, 258]
+    assert own_field([-1.0, -2.0], norm="log").has_nan
+
+
+def test_three_ways_to_an_entry_lead_to_one():
+    rng = np.random.default_rng(4)
+    table = rj.Colormap("turbo")
+    ranges = [(0.0, 1.0), (-3.0, -3.0), *np.sort(rng.normal(size=(20, 2)) * 1e3).tolist()]
+    for low, high in ranges:
+        values = np.append(rng.uniform(low - 1.0, high + 1.0, 50), [low, high])
+        entries = table.entries(values, low, high)
+        ranks = Norm((low, high)).ranks(values, len(table))
+        assert np.array_equal(entries, np.clip(ranks, 0, len(table) - 1))
+        width = range_divisor(low, high)
+        assert entries.tolist() == [find_entry(one, low, width, len(table)) for one in values]
 
 
 def test_ranges_are_fitted_without_a_share_of_the_values_at_each_end():
@@ -197,6 +215,31 @@ def test_a_norm_of_matplotlib_stays_as_it_is():
         own_field([1.0, 2.0], norm=colors.LogNorm(-1, 1))
     with pytest.raises(ValueError, match="norm must not fall"):
         own_field([1.0, 2.0], norm=Falling(0, 1))
+    for changed in (colors.TwoSlopeNorm(0), colors.CenteredNorm(0)):
+        with pytest.raises(ValueError, match="range must be one that norm leaves as it is"):
+            own_field([1.0, 2.0], norm=changed, range=(1, 10))
+    with pytest.raises(ValueError, match=r"None where norm has its own, 1\.0 to None"):
+        own_field([1.0, 2.0], norm=colors.LogNorm(vmin=1), range=(0.5, 10))
+    for given, own in ((colors.LogNorm(), "log"), (colors.Normalize(), "linear")):
+        scales = [own_field([1.0, 10.0], norm=one).scale for one in (given, own)]
+        assert scales[0].equals(scales[1])
+
+
+class Limited:
+    """Something that looks like a norm at first."""
+
+    vmin, vmax = 0.0, 1.0
+
+    def __call__(self, values):
+        return "text"
+
+
+class Open(Limited):
+    vmin = None
+
+
+class Endless(Limited):
+    vmax = property()
 
 
 @pytest.mark.parametrize(
@@ -209,6 +252,10 @@ def test_a_norm_of_matplotlib_stays_as_it_is():
         ({"norm": "log", "range": (0, 1)}, "range must be above 0 where norm is 'log'"),
         ({"range": "2"}, "such as '2%'"),
         ({"range": "50%"}, "below 50%"),
+        ({"norm": Limited()}, "norm does not fit its range: could not convert"),
+        ({"norm": Open()}, "norm does not fit its range: .* no attribute 'autoscale_None'"),
+        ({"norm": Endless()}, "norm does not fit its range"),
+        ({"colormap": {"a": "red"}, "norm": "log"}, "norm must be None where colormap has categ"),
         ({"colormap": {}}, "colormap must have a name"),
         ({"colormap": {"a": "reddish"}}, r"colormap\['a'\]"),
     ],
