@@ -205,7 +205,9 @@ class SceneArtist(artist.Artist):
             self.mappable, **{"ax": self.axes, "label": label, "extend": extend} | options
         )
         if scale.colormap.categories:
-            bar.set_ticks(range(len(scale.colormap)), labels=scale.colormap.categories)
+            low, high = scale.norm.range
+            names = {n: one for n, one in enumerate(scale.colormap.categories) if low <= n <= high}
+            bar.set_ticks([*names], labels=[*names.values()])
         if scale.lines:
             levels, colors = zip(*scale.lines, strict=True)
             bar.add_lines(levels, [tuple(linear_to_srgb(one[:3])) for one in colors], 0.8)
@@ -498,8 +500,9 @@ def _make_norm(scale: ColorScale) -> Normalize:
     norm, (low, high) = scale.norm, scale.norm.range
     if isinstance(norm, ForeignNorm):
         return copy.deepcopy(norm.original)
-    if scale.colormap.categories:
-        return BoundaryNorm(np.arange(len(scale.colormap) + 1) - 0.5, len(scale.colormap))
+    if scale.colormap.categories and low < high:
+        count = len(scale.colormap)
+        return BoundaryNorm(np.linspace(low, high, count + 1), count)
     if norm.name == "symlog":
         return SymLogNorm(norm.width, vmin=low, vmax=high)
     return (LogNorm if norm.name == "log" else Normalize)(low, high)

@@ -419,10 +419,12 @@ def test_norms_come_back_as_they_were_given(heated):
         found = artist.mappable.norm
         assert type(found) is type(given)
         assert (found.vmin, found.vmax) == ((0, 7) if given.vmin is None else (0, 5))
-    faces = np.arange(len(CUBE_FACES)) % 2
-    artist = rj.mpl.SceneArtist(
-        figure()[1], heated.with_scalars(faces, {"iron": "gray", "salt": "white"})
-    )
+    faces, names = np.arange(len(CUBE_FACES)) % 2, {"iron": "gray", "salt": "white"}
+    artist = rj.mpl.SceneArtist(figure()[1], heated.with_scalars(faces, names, range=(0, 10)))
+    # As the scene shows them: 1 is in the first half of the range.
+    assert artist.mappable.to_rgba([1.0])[0, :3] == pytest.approx([0x80 / 255] * 3)
+    assert [one.get_text() for one in artist.colorbar().ax.get_yticklabels()] == [*names]
+    artist = rj.mpl.SceneArtist(figure()[1], heated.with_scalars(faces, names))
     names = [text.get_text() for text in artist.colorbar().ax.get_yticklabels()]
     assert names == ["iron", "salt"]
     with pytest.raises(ValueError, match="no mesh of the scene has scalars"):
