@@ -59,8 +59,8 @@ def merge_scales(present: Sequence[ColorScale]) -> ColorScale:
         raise ValueError("there is no colour bar: no mesh of the scene has scalars")
     if any(not scale.equals(present[0]) for scale in present):
         raise ValueError(
-            "node must say whose colour bar it is, where meshes have several maps or ranges; give "
-            "them one colormap and range for one bar, got None"
+            "node must say whose colour bar it is, where meshes have several maps, norms or "
+            "ranges; give them one colormap, norm and range for one bar, got None"
         )
     nan_scales = [scale for scale in present if scale.nan_color is not None]
     lines = dict.fromkeys(line for scale in present for line in scale.lines)
@@ -197,7 +197,8 @@ def _fit_bar(
         ticks = make_ticks(scale, _max_intervals(bottom - top, font_size))
     bottom = max(bottom, top + 1)
     low, high = scale.norm.range
-    if len(ticks.values) < 2 and high > low and bottom - top >= 2 * font_size:
+    has_names = bool(scale.colormap.categories)
+    if len(ticks.values) < 2 and high > low and not has_names and bottom - top >= 2 * font_size:
         # A bar too short for round numbers says where it ends.
         ticks = Ticks([low, high], [f"{end:.{MAX_DIGITS}g}" for end in (low, high)])
     ticks = ticks._replace(note=f"{ticks.note} {unit}".strip())
@@ -214,7 +215,10 @@ def _bar_colors(scale: ColorScale, bar: _Bar) -> NDArray[np.uint8]:
         bounds = np.array(scale.norm.bounds)
         middles = (bounds[:-1] + bounds[1:]) / 2.0
         regions = np.floor(heights * len(middles)).astype(np.int64)
-        entries = scale.norm.ranks(middles, len(colors))[regions]
+        ranks = np.clip(scale.norm.ranks(middles, len(colors)), -1, len(colors))
+        ends = [opaque_codes(end) for end in (scale.colormap.under, scale.colormap.over)]
+        colors = np.vstack([ends[0], colors, ends[1]])
+        entries = 1 + ranks[regions]
     else:
         has_width = scale.norm.range[0] < scale.norm.range[1]
         entries = np.floor(heights * len(colors) * has_width)

@@ -576,7 +576,7 @@ class Frame(RenderedOutputs):
             there are values.
         node : int, optional
             Index in ``scene.nodes`` of the object whose bar it is. Default: all objects with
-            scalars must have one colormap and range.
+            scalars must have one colormap, norm and range.
         font : str or path, optional
             Of its texts, as `Label` takes it.
 
@@ -635,11 +635,9 @@ class Frame(RenderedOutputs):
         >>> frame = rj.render(scene, camera, size=(320, 240))
         >>> sheet = rj.grid([frame, frame.scale_bar("cm")], 1, gap=0)
         """
-        if not isinstance(unit, str):
-            raise ValueError(f"unit must be a text, got {check.brief(unit)}")
         return draw_scale_bar(
-            self.plan.camera, self.plan.size, unit, check.positive_number("per_unit", per_unit),
-            depth, check.boolean("arrow", arrow), font,
+            self.plan.camera, self.plan.size, check.string("unit", unit),
+            check.positive_number("per_unit", per_unit), depth, check.boolean("arrow", arrow), font,
         )  # fmt: skip
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:

@@ -19,6 +19,9 @@ MAX_DIGITS = 6
 MIN_EXPONENT = -4
 """Power of ten of the largest tick below which ticks are written with a power of ten."""
 
+NAMES_PER_INTERVAL = 2
+"""How many names of categories have room where numbers have one interval."""
+
 MINOR_FACTORS = range(2, 10)
 """Minor ticks, times a power of ten."""
 
@@ -49,8 +52,11 @@ def make_ticks(scale: ColorScale, max_intervals: int) -> Ticks:
     """
     norm, (low, high) = scale.norm, scale.norm.range
     if scale.colormap.categories:
-        names = scale.colormap.categories
-        return Ticks([float(n) for n in range(len(names))], [*names])
+        step = max(math.ceil((high - low) / (NAMES_PER_INTERVAL * max_intervals)), 1)
+        shown_names = [*enumerate(scale.colormap.categories)][::step]
+        inside = [(float(n), name) for n, name in shown_names if low <= n <= high]
+        if inside:
+            return Ticks(*map(list, zip(*inside, strict=True)))
     if norm.bounds:
         shown = [*norm.bounds][:: math.ceil((len(norm.bounds) - 1) / max_intervals)]
         return Ticks(shown, [f"{bound:.{MAX_DIGITS}g}" for bound in shown])

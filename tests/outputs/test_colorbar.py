@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.outputs.ticks import find_ticks, format_ticks
+from rasterjit.outputs.ticks import find_ticks, format_ticks, make_ticks
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
 FACES = [[0, 1, 2], [0, 2, 3]]
@@ -218,6 +218,7 @@ def test_several_fields_have_one_bar_if_they_are_alike():
     assert np.array_equal(both.colorbar(), both.colorbar(node=1))
     assert not np.array_equal(both.colorbar(), both.colorbar(node=0))
     assert np.array_equal(frame(field([1, 2], range=(0, 5))).colorbar(), both.colorbar(node=0))
+    frame(field(range=(0, 5), norm="linear"), field(range=(0, 5))).colorbar()
     other = frame(field(), field(range=(0, 5)), field(colormap="gray"))
     assert not np.array_equal(other.colorbar(node=0), other.colorbar(node=2))
     for shown, options, words in (
@@ -227,3 +228,28 @@ def test_several_fields_have_one_bar_if_they_are_alike():
     ):  # fmt: skip
         with pytest.raises(ValueError, match=words):
             shown.colorbar(**options)
+
+
+def test_bounds_beyond_the_map_have_the_color_above_it():
+    colors = pytest.importorskip("matplotlib.colors")
+    table = rj.Colormap("viridis", over="red")
+    bar = bar_of(
+        frame(field(colormap=table, norm=colors.BoundaryNorm([0, 1, 2, 3], 300))).colorbar()
+    )
+    assert bar[-1].tolist() == [255, 0, 0]
+    assert bar[0].tolist() == table.codes[0, :3].tolist()
+
+
+@pytest.mark.parametrize(
+    ("count", "range", "most", "names"),
+    [
+        (2, None, 5, ["0", "1"]), (2, (0, 0.5), 5, ["0"]), (3, (0.5, 9.5), 5, ["1", "2"]),
+        (60, None, 5, ["0", "6", "12", "18", "24", "30", "36", "42", "48", "54"]),
+        (2, (0.2, 0.8), 5, ["0.2", "0.4", "0.6", "0.8"]), (1, (0, 0), 5, ["0"]),
+    ],
+)  # fmt: skip
+def test_names_stand_in_the_range_without_overlap(count, range, most, names):
+    table = rj.Colormap({str(n): "red" for n in np.arange(count)})
+    shown = field([0, 0, 0, 0], colormap=table, range=range)
+    assert make_ticks(shown.field.scale, most).texts[:10] == names
+    frame(shown).colorbar()
