@@ -70,7 +70,6 @@ from rasterjit import interrupts as interrupts
 from rasterjit.runtime import versions as versions
 
 # isort: split
-import re
 import sys
 from collections.abc import Iterator
 from importlib import import_module
@@ -79,23 +78,80 @@ from rasterjit import forks
 
 __version__ = "0.1.0"
 
+_HOMES = {
+    "classics.framebuffer": "Framebuffer",
+    "classics.pipeline": "ClassicPipeline",
+    "distributed.frames": "render_many",
+    "inspect.cross_section": "CrossSection cross_section",
+    "inspect.pixel": "explain_pixel",
+    "inspect.pixel_report": "PixelExplanation",
+    "inspect.profile": "FrameProfile profile",
+    "io.camera_files": "load_cameras save_cameras",
+    "io.camera_files.calibration": "CalibratedCamera",
+    "io.meshes": "LoadWarning MeshFileError load",
+    "io.load_warnings": "SaveWarning",
+    "outputs.batch": "Batch",
+    "outputs.diagnostics": "Diagnostics",
+    "outputs.frame": (
+        "Frame FrameStats LayeredFrame OutputNotRequestedError PickedPixel QualityChoice"
+    ),
+    "outputs.learning_tuples": "PyTorch3DFragments",
+    "outputs.contact_sheet": "grid",
+    "rendering.batch": "render_batch",
+    "rendering.quality_selection": "CalibrationWarning",
+    "rendering.view_warnings": "ViewWarning",
+    "rendering.depth_peeling": "render_layers",
+    "rendering.planning": "RenderPlan",
+    "rendering.rasterize": "RasterizedFaces rasterize",
+    "rendering.renderer": "Renderer explain render",
+    "scene.ambient_occlusion": "AmbientOcclusion",
+    "scene.arrows": "Arrow Arrows",
+    "scene.camera": "MatrixCamera OrthographicCamera PerspectiveCamera",
+    "scene.colormap": "Colormap",
+    "scene.contours": "Contours",
+    "scene.environment": "Environment",
+    "scene.eye_dome": "EyeDome",
+    "scene.fog": "Fog",
+    "scene.camera_fitting": "fit_camera orbit_direction",
+    "scene.guides": "Axes BoundingBox Frustum Grid",
+    "scene.joints": "Joint Joints",
+    "scene.keyframes": "Animation Channel",
+    "scene.label": "Label",
+    "scene.lens": "Equirectangular FisheyeLens PinholeDistortion",
+    "scene.light": "AmbientLight DirectionalLight PointLight Shadow SpotLight",
+    "scene.lines": "Lines",
+    "scene.material": "Material",
+    "scene.mesh": "Mesh",
+    "scene.node": "Node",
+    "scene.outline": "Outline",
+    "scene.points": "Points",
+    "scene.quality": "Quality",
+    "scene.scene": "Scene",
+    "scene.section": "SectionPlane",
+    "scene.skin": "MorphTargets Skin",
+    "scene.texture": "Texture",
+    "scene.tone_map": "ToneMap",
+    "scene.previous_view": "PreviousView",
+    "scene.vignette": "Vignette",
+    "scene.wireframe": "Wireframe",
+    "viewer.show": "show",
+}
+"""The module of each public name. ``__init__.pyi`` tells type checkers the same."""
 
-def _read_homes() -> dict[str, str]:
-    """Return the module of each public name, as ``__init__.pyi`` tells it to type checkers."""
-    with open(f"{__path__[0]}/__init__.pyi", encoding="utf-8") as stub:
-        imports = re.findall(r"^from ([\w.]+) import (\([^)]*\)|.*)", stub.read(), re.MULTILINE)
-    return {
-        name: module
-        for module, names in imports
-        for name in re.findall(r"(\w+)(?: as \w+)?", names)
-    }
+_MODULES = (
+    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle",
+    "styles", "transforms", "types",
+)  # fmt: skip
+"""
+Public modules.
 
+``from rasterjit import *`` leaves out two: ``mpl`` cannot be without matplotlib, and ``types`` is
+the name of a standard module.
+"""
 
-_HOMES = _read_homes()
-"""The module of each public name; that of public modules is this package."""
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 
-# ``mpl`` cannot be without matplotlib, and ``types`` is the name of a standard module.
-__all__ = sorted(_HOMES.keys() - {"mpl", "types"})
+__all__ = sorted({*_MODULE_OF, *_MODULES} - {"mpl", "types"})
 
 
 class _Folder(list[str]):
@@ -112,7 +168,7 @@ __path__ = _Folder(__path__)
 
 def __dir__() -> list[str]:
     """List the public names for ``help`` and completion; internal ones stay importable."""
-    loaded = [name for name, home in _HOMES.items() if home == __name__ and name in globals()]
+    loaded = [name for name in _MODULES if name in globals()]
     facts = [name for name, value in globals().items() if name[:2] == "__" and not callable(value)]
     return sorted({*__all__, "types", *loaded, *facts})
 
@@ -123,10 +179,10 @@ _LOADING = forks.hold_over_forks(forks.reentrant_lock())
 
 def __getattr__(name: str) -> object:
     """Load a public name when it is first needed, and keep it."""
-    if name not in _HOMES:
+    if name not in _MODULES and name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     with _LOADING:
-        if _HOMES[name] == __name__:
-            return import_module(f"{__name__}.{name}")
-        globals()[name] = found = getattr(import_module(_HOMES[name]), name)
+        if name in _MODULES:
+            return import_module(f"rasterjit.{name}")
+        globals()[name] = found = getattr(import_module(f"rasterjit.{_MODULE_OF[name]}"), name)
         return found

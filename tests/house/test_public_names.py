@@ -43,7 +43,8 @@ def test_type_checkers_are_told_the_same_names():
     told = {}
     for node in (node for node in stub.body if isinstance(node, ast.ImportFrom)):
         told |= {one.name: node.module for one in node.names}
-    assert told == rj._HOMES
+    homes = {name: f"rasterjit.{home}" for name, home in rj._MODULE_OF.items()}
+    assert told == homes | dict.fromkeys(rj._MODULES, "rasterjit")
     (listed,) = (node.value for node in stub.body if isinstance(node, ast.Assign))
     assert ast.literal_eval(listed) == rj.__all__
 
