@@ -466,7 +466,8 @@ class AccuracyOptions:
     ----------
     made : str, optional
         A scene made for some of the settings, in place of FILE: floor, wires, slivers,
-        near-and-far, far-from-origin, coplanar, highlights, shadows, glass, wireframe, gradients.
+        near-and-far, far-from-origin, coplanar, highlights, shadows, glass, wireframe, gradients,
+        poster.
     knobs : tuple of str, optional
     budget : float, optional
         How long it may take; default: 75. What there is no time for is left out and named.

@@ -66,7 +66,7 @@ def cross_section(scene: Any, plane: SectionPlane) -> CrossSection:
     Raises
     ------
     ValueError
-        If ``plane`` is not a `SectionPlane`.
+        If ``plane`` is not a `SectionPlane`, or ``scene`` holds no mesh.
 
     Warns
     -----
@@ -84,6 +84,8 @@ def cross_section(scene: Any, plane: SectionPlane) -> CrossSection:
     if not isinstance(plane, SectionPlane):
         raise ValueError(f"plane must be a SectionPlane, got {brief(plane)}")
     whole = with_labels(pose_scene(as_scene(scene, "scene")), [])
+    if not whole.nodes:
+        raise ValueError("scene must hold at least one mesh, got an empty scene")
     whole.section = replace(plane, cap=True, lines=True)
     cut = cut_scene(whole)
     areas = np.zeros(len(whole.nodes))

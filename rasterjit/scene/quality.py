@@ -118,11 +118,11 @@ class Quality:
         output ``"linear"`` is then what the codes stand for. Where a frame mixes nothing it has
         the same bits either way.
     texture_mixing : {"srgb8", "linear"}
-        What textures of unlit opaque objects are mixed in, where these have no colours of
-        vertices, faces or scalars: 8-bit sRGB codes, as old programs do it, or light. With codes
-        texture coordinates are float32, texels are mixed with weights of 8 bits, and the base
-        colour multiplies codes; light above 1 is cut off. Textures with mip levels, and all other
-        objects, take light always.
+        What textures are mixed in on unlit objects that are opaque all over, without holes, and
+        have no colours of vertices, faces or scalars: 8-bit sRGB codes, as old programs do it, or
+        light. With codes texture coordinates are float32, texels are mixed with weights of 8 bits,
+        and the base colour multiplies codes; light above 1 is cut off. Textures with mip levels,
+        and all other objects, take light always.
     lines : {"bresenham", "coverage"}
         Edges of a wireframe: one pixel after the other, between the pixels that hold the vertices;
         or by the area of each pixel that is covered by a line one pixel wide between the vertices

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import math
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from rasterjit.outputs.output_table import check_outputs
 from rasterjit.pipeline import srgb_encoding
 from rasterjit.rendering.renderer import explain, render
 from rasterjit.rendering.view_warnings import STRONG
+from rasterjit.scene import validation as check
 from rasterjit.scene.background import Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.camera_fitting import default_camera
@@ -126,53 +127,81 @@ def recolor(scene: Scene, material: Material) -> Scene:
 
     def paint(node: Node) -> Mesh:
         if id(node.mesh) not in meshes:
-            mesh = meshes[id(node.mesh)] = node.mesh.without_colors()
-            mesh._vertex_colors = _vertex_holes(node.mesh)
-            mesh.material = _keep_shape(node.mesh, material)
+            mesh = node.mesh.without_colors()
+            meshes[id(node.mesh)] = _keep_shape(node.mesh, mesh, material)
         return meshes[id(node.mesh)]
 
     return replace_meshes(scene, paint)
 
 
-def _keep_shape(mesh: Mesh, material: Material) -> Material:
-    """Return a material with as many sides as that of a mesh, and the holes of its alpha mask."""
+def _keep_shape(
+    mesh: Mesh, changed: Mesh, material: Material, sources: NDArray[Any] | slice = slice(None)
+) -> Mesh:
+    """
+    Give a changed mesh a material with as many sides as before, and the holes of the alpha mask.
+
+    Film is as clear as it is, or not there: what blends gets an alpha of 0 in holes. ``sources``
+    are the vertices that those of the changed mesh were.
+    """
     own = mesh.material
-    material = replace(material, double_sided=own.double_sided)
-    texture = own.base_color_texture
+    changed.material = replace(material, double_sided=own.double_sided)
     if own.alpha_mode != "mask":
-        return material
-    alpha = own.base_color_over(mesh.vertex_colors is not None)[3]
+        return changed
+    texture, cutoff = own.base_color_texture, None
+    has_colors = mesh.vertex_colors is not None or mesh.face_colors is not None
+    red, green, blue, clearness = material.base_color_over(True)
+    alpha = own.base_color_over(has_colors)[3]
     if material.alpha_mode == "blend":
-        # Film is as clear as it is, or not there.
         cutoff = own.alpha_cutoff / alpha if alpha > 0.0 else math.inf
-        holes = None if texture is None else _texture_holes(texture, cutoff)
-        return replace(material, base_color_texture=holes)
-    holes = None if texture is None else _texture_holes(texture)
-    return replace(
-        material, base_color=(*material.base_color_over(True)[:3], alpha), alpha_mode="mask",
-        alpha_cutoff=own.alpha_cutoff, base_color_texture=holes,
-    )  # fmt: skip
+        alpha = clearness if cutoff <= 1.0 else 0.0
+    else:
+        changed.material = replace(
+            changed.material, alpha_mode="mask", alpha_cutoff=own.alpha_cutoff
+        )
+    holes = None if texture is None else _texture_holes(texture, cutoff)
+    changed.material = replace(
+        changed.material, base_color=(red, green, blue, alpha), base_color_texture=holes
+    )
+    of_vertices = None if mesh.vertex_colors is None else mesh.vertex_colors[sources]
+    changed._vertex_colors = _color_holes(of_vertices, changed.vertex_colors, cutoff)
+    if len(changed.faces) == len(mesh.faces):
+        changed._face_colors = _color_holes(mesh.face_colors, changed.face_colors, cutoff)
+    return changed
 
 
-@lru_cache(32)
+def _color_holes(
+    colors: NDArray[np.float32] | None, shown: NDArray[np.float32] | None, cutoff: float | None
+) -> NDArray[np.float32] | None:
+    """Return colours that are shown, white if none, with the alpha of others: see `_keep_shape`."""
+    if colors is None or (colors[:, 3] >= 1.0).all():
+        return shown
+    holes = np.ones_like(colors) if shown is None else shown.copy()
+    holes[:, 3] = colors[:, 3] if cutoff is None else colors[:, 3] >= cutoff
+    return check.read_only(holes)
+
+
+_HOLES: weakref.WeakKeyDictionary[Texture, dict[float | None, Texture]] = (
+    weakref.WeakKeyDictionary()
+)
+"""Cache: what `_texture_holes` returns, by texture and cutoff."""
+
+
 def _texture_holes(texture: Texture, cutoff: float | None = None) -> Texture:
     """Return a white texture with the alpha of another one; given a cutoff, with 0 or 1 instead."""
+    known = _HOLES.setdefault(texture, {})
+    if cutoff not in known:
+        known[cutoff] = _make_texture_holes(texture, cutoff)
+    return known[cutoff]
+
+
+def _make_texture_holes(texture: Texture, cutoff: float | None) -> Texture:
+    """Return the texture of `_texture_holes`, which keeps it."""
     image = texture.image.copy()
     image[..., :3] = 1.0
     if cutoff is None:
         return replace(texture, image=image)
     image[..., 3] = image[..., 3] >= cutoff
     return replace(texture, image=image, filter="nearest", anisotropy=1)
-
-
-def _vertex_holes(mesh: Mesh) -> NDArray[np.float32] | None:
-    """Return white colours of vertices with the alpha of an alpha mask; None if that is all 1."""
-    colors = mesh.vertex_colors
-    if mesh.material.alpha_mode != "mask" or colors is None or (colors[:, 3] >= 1.0).all():
-        return None
-    holes = colors.copy()
-    holes[:, :3] = 1.0
-    return holes
 
 
 def sharpen_textures(scene: Scene, anisotropy: Anisotropy) -> Scene:
@@ -232,8 +261,7 @@ def color_by_depth(scene: Scene, camera: Camera) -> Scene:
         # Normalized, as scalars are float32: too few digits, or too small a range, for depths.
         shares = (np.clip(depths[id(node)], low, high) - low) / (high - low)
         mesh = node.mesh.with_scalars(shares, DEPTH_COLORMAP, range=(0.0, 1.0))
-        mesh.material = _keep_shape(node.mesh, UNLIT)
-        return mesh
+        return _keep_shape(node.mesh, mesh, UNLIT)
 
     return replace_meshes(scene, paint, DRAWABLE_TYPES)
 
@@ -245,7 +273,7 @@ def color_by_normal(scene: Scene) -> Scene:
         mesh = node.mesh
         matrix = node.world_matrix[:3, :3]
         positions, faces = mesh.vertices, mesh.faces
-        sources: NDArray[np.int64] | slice = slice(None)
+        sources: NDArray[Any] | slice = slice(None)
         if mesh.normals is not None or mesh.material.shading in SMOOTH_SHADINGS:
             normals = mesh.vertex_normals().astype(np.float64)
         else:
@@ -261,14 +289,9 @@ def color_by_normal(scene: Scene) -> Scene:
         if dot(matrix[0].tolist(), cofactors[0].tolist()) < 0.0:
             world = -world
         colors = np.clip(np.floor(unit_rows(world) * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
-        holes = _vertex_holes(mesh)
-        if holes is not None:
-            colors = np.column_stack([colors, np.rint(255.0 * holes[sources, 3]).astype(np.uint8)])
         uv, uv1 = (None if one is None else one[sources] for one in mesh.uv_sets)
-        return Mesh(
-            positions, faces, colors=colors, uv=uv, uv1=uv1, on_invalid="drop",
-            material=_keep_shape(mesh, UNLIT),
-        )  # fmt: skip
+        colored = Mesh(positions, faces, colors=colors, uv=uv, uv1=uv1, on_invalid="drop")
+        return _keep_shape(mesh, colored, UNLIT, sources)
 
     return replace_meshes(scene, paint)
 

@@ -495,7 +495,10 @@ def explain_light_textures(facts: Facts) -> str | None:
         (visible.coded > 0, None),
         (visible.textured["base_color_texture"] == 0, "no material in view has a texture"),
         (visible.unlit == 0, "every object is lit"),
-        (True, "every texture has mip levels, or is on an object that is lit, blended or coloured"),
+        (
+            True,
+            "every texture has mip levels, or is on an object that is lit, transparent or coloured",
+        ),
     )
     return next(reason for holds, reason in reasons if holds)
 

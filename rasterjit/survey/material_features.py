@@ -151,6 +151,8 @@ class TextureRow(MaterialRow):
         if not facts.visible.has_textures:
             return "no object in view has a texture that is read"
         described = describe_counts(facts.inventory.describe_textures(facts.in_view))
+        if facts.reads_codes:
+            described += f"; of {facts.visible.coded} unlit mixed in 8-bit codes, by float32 places"
         return described + describe_changed_settings(facts, *self.settings)
 
     def without(self, scene: Scene) -> Scene:

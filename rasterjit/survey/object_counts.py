@@ -103,7 +103,7 @@ class ObjectCounts(NamedTuple):
     mipped: int
     """With a mipmapped texture."""
     coded: int
-    """Unlit and opaque, and showing a texture without mip levels over no other colours."""
+    """Unlit, opaque all over, with a texture without mip levels and no other colours."""
     textured: dict[str, int]
     """With a texture that is read, by field of the material, in the order of ``TEXTURE_FIELDS``."""
 
@@ -334,15 +334,12 @@ def _count_mesh(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
 
 
 def _shows_texture_only(mesh: Mesh) -> bool:
-    """Tell whether a textured mesh is unlit and opaque, with no mip levels and no other colours."""
-    material, texture = mesh.material, mesh.material.base_color_texture
-    is_plain = material.shading == "unlit" and material.alpha_mode != "blend"
-    return (
-        is_plain
-        and not has_own_colors(mesh)
-        and texture is not None
-        and texture.filter != "trilinear"
-    )
+    """Tell whether an unlit mesh shows a texture, all opaque and without mip levels, alone."""
+    texture = mesh.material.base_color_texture
+    if texture is None or texture.filter == "trilinear" or has_own_colors(mesh):
+        return False
+    is_solid = not (is_see_through(mesh) or may_have_holes(mesh))
+    return mesh.material.shading == "unlit" and is_solid
 
 
 def _max_pixel_size(mesh: Mesh) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import weakref
 from collections.abc import Collection, Sequence
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
@@ -558,7 +559,8 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
 def join_coded_textures(meshes: Sequence[Mesh], is_coded: NDArray[np.bool_]) -> CodedTextures:
     """Join the textures that are read as codes, each image once; ``is_coded``: of objects, (O,)."""
     firsts: dict[Pyramid, int] = {}
-    images, first = [np.empty(0, np.uint32)], 0
+    images: list[NDArray[np.uint32]] = []
+    first = 0
     table = np.full((len(meshes), CODED_COLUMNS), -1, np.int64)
     transforms = np.tile(np.array(IDENTITY_TRANSFORM), (len(meshes), 1))
     for number in np.flatnonzero(is_coded).tolist():
@@ -567,7 +569,7 @@ def join_coded_textures(meshes: Sequence[Mesh], is_coded: NDArray[np.bool_]) -> 
         pyramid = texture.pyramid
         if pyramid not in firsts:
             firsts[pyramid] = first
-            images.append(_encode_picture(pyramid.image))
+            images.append(_encode_picture(pyramid))
             first += len(images[-1])
         wraps = (WRAP_CODES[wrap] for wrap in texture.wrap)
         factor = encode_color(np.array(object_counts.find_base_color(meshes[number]), np.float32))
@@ -576,14 +578,32 @@ def join_coded_textures(meshes: Sequence[Mesh], is_coded: NDArray[np.bool_]) -> 
             factor & WHITE,
         )  # fmt: skip
         transforms[number] = _pack_uv_transform(texture)
-    return CodedTextures(np.concatenate(images), table, transforms)
+    texels = images[0] if len(images) == 1 else np.concatenate(images)
+    return CodedTextures(texels, table, transforms)
 
 
-def _encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Return a picture of linear light, (H, W, 4), as sRGB codes, (H * W,)."""
-    codes = np.empty(linear.shape[:2], np.uint32)
-    encode_rows(linear, make_encoding_table(), codes)
-    return codes.ravel()
+_PICTURE_CODES: weakref.WeakKeyDictionary[Pyramid, NDArray[np.uint32]] = weakref.WeakKeyDictionary()
+"""Cache: the pictures of textures as `_encode_picture` returns them."""
+
+
+def _encode_picture(pyramid: Pyramid) -> NDArray[np.uint32]:
+    """Return the picture of a texture as sRGB codes, (H * W,), red in the lowest byte."""
+    known = _PICTURE_CODES.get(pyramid)
+    if known is not None:
+        return known
+    width, height = pyramid.size
+    if pyramid.codes is not None and pyramid.color_space == "srgb":
+        codes = np.full((height, width, 4), 255, np.uint8)
+        # Grey has one code for all three colours.
+        has_colors = pyramid.codes.shape[2] > 2
+        codes[:, :, :3] = pyramid.codes[:, :, : 3 if has_colors else 1]
+        packed = codes.view(np.uint32).ravel()
+    else:
+        packed = np.empty((height, width), np.uint32)
+        encode_rows(pyramid.image, make_encoding_table(), packed)
+        packed = packed.ravel()
+    _PICTURE_CODES[pyramid] = packed
+    return packed
 
 
 @cache

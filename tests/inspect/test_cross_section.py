@@ -57,6 +57,11 @@ def test_what_is_missed_open_or_left_whole_is_told_apart():
     assert scene.section.point == (9.0, 9.0, 9.0)
 
 
-def test_what_is_no_plane_is_named():
+def test_what_is_no_plane_or_empty_is_named():
+    plane, empty = rj.SectionPlane((0, 0, 0), (0, 0, 1)), rj.Scene()
+    for _ in range(2):
+        with pytest.raises(ValueError, match="scene must hold at least one mesh, got an empty"):
+            rj.cross_section(empty, plane)
+        empty.add(rj.Label((0, 0, 0), "alone"))
     with pytest.raises(ValueError, match=r"plane must be a SectionPlane, got tuple"):
         rj.cross_section(trimesh.creation.box(), (0, 0, 1))

@@ -12,6 +12,8 @@ from naive_textures import SIZE, TRIANGLES
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
+from rasterjit.scene import texture as texture_module
+from rasterjit.survey import packed_scene
 
 IN_CODES = rj.Quality(texture_mixing="srgb8")
 OUTPUTS = "color", "face_id"
@@ -81,3 +83,39 @@ def test_a_base_colour_multiplies_codes():
         mesh.material = rj.Material("unlit", tuple(light), base_color_texture=white)
         shown = rj.render(mesh, naive.FRONT, size=(4, 4), quality=IN_CODES).color[2, 2, :3]
         assert shown.tolist() == [round(factor * one / 255) for one in (255, 128, 3)]
+
+
+@pytest.mark.parametrize("mode", ["mask", "blend"])
+def test_what_is_not_opaque_takes_light(mode):
+    leaf = np.random.default_rng(1).integers(0, 256, (9, 9, 4), np.uint8)
+    mesh = naive.square(rj.Texture(leaf, filter="bilinear"), naive.box((0, 0), (1, 1)))
+    mesh.material = rj.Material(
+        "unlit", "white", alpha_mode=mode, base_color_texture=rj.Texture(leaf, filter="bilinear")
+    )
+    light, codes = (
+        rj.render(mesh, naive.FRONT, size=SIZE, quality=quality).color
+        for quality in (None, IN_CODES)
+    )
+    assert (light == codes).all()
+    solid = leaf.copy()
+    solid[..., 3] = 255
+    mesh.material = rj.Material(
+        "unlit", "white", alpha_mode=mode, base_color_texture=rj.Texture(solid, filter="bilinear")
+    )
+    light, codes = (
+        rj.render(mesh, naive.FRONT, size=SIZE, quality=quality).color
+        for quality in (None, IN_CODES)
+    )
+    assert (light != codes).any()
+
+
+def test_large_pictures_are_read_as_the_codes_that_they_are(monkeypatch):
+    monkeypatch.setattr(packed_scene, "encode_rows", None)
+    monkeypatch.setattr(texture_module, "MAX_FLOAT_TEXELS", 16)
+    for channels in (1, 2, 3, 4):
+        codes = np.random.default_rng(channels).integers(0, 256, (9, 9, channels), np.uint8)
+        codes[..., -1 if channels in (2, 4) else 0] = 255
+        mesh = naive.square(rj.Texture(codes, filter="nearest"), naive.box((0, 0), (1, 1)))
+        shown = rj.render(mesh, naive.FRONT, size=(9, 9), quality=IN_CODES).color
+        wanted = rj.render(mesh, naive.FRONT, size=(9, 9)).color
+        assert (shown == wanted).all()

@@ -63,7 +63,7 @@ FROZEN = [
 
 REPORTS = {
     rj.Diagnostics, rj.FrameProfile, rj.FrameStats, rj.PixelExplanation, rj.QualityChoice,
-    rj.RenderPlan,
+    rj.RenderPlan, rj.CrossSection,
 }  # fmt: skip
 """Frozen, and made by no one but this package: there is no changed copy to make."""
 

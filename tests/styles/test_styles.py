@@ -384,8 +384,11 @@ def test_bits_are_the_same_with_any_number_of_threads(teapot):
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        *((name, "texture") for name in rj.styles.STYLES),
-        *((name, "vertices") for name in ("clay", "technical", "normals", "wireframe")),
+        (name, kind)
+        for name in rj.styles.STYLES
+        for kind in ("texture", "vertices", "faces", "base")
+        # Between vertices film fades out, where a mask is cut.
+        if (name, kind) != ("xray", "vertices")
     ],
 )
 def test_holes_of_an_alpha_mask_are_there_in_every_style(name, kind):
@@ -394,15 +397,15 @@ def test_holes_of_an_alpha_mask_are_there_in_every_style(name, kind):
     faces = [(0, 1, 4), (0, 4, 3), (4, 5, 8), (4, 8, 7)]
     alphas = random.integers(0, 256, (5, 5, 4), np.uint8)
     texture = rj.Texture(alphas, filter="nearest") if kind == "texture" else None
-    colors = random.random((9, 4)) if kind == "vertices" else None
-    material = rj.Material(
-        base_color=(1.0, 0.5, 0.2, 0.9), alpha_mode="mask", base_color_texture=texture
-    )
+    counts = {"vertices": len(vertices), "faces": len(faces)}
+    colors = random.random((counts[kind], 4)) if kind in counts else None
+    base_color = (1.0, 0.5, 0.2, 0.4 if kind == "base" else 0.9)
+    material = rj.Material(base_color=base_color, alpha_mode="mask", base_color_texture=texture)
     uv = [vertex[:2] for vertex in vertices]
     holed = rj.Mesh(vertices, faces, colors=colors, uv=uv, material=material)
     camera = rj.OrthographicCamera((0.1, 0.2, 4.0), (0.0, 0.0, 0.0), height=2.4)
     wanted = rj.render(holed, camera, size=(60, 60), outputs=("face_id",)).face_id >= 0
-    assert 0.05 < wanted.mean() < 0.5
+    assert wanted.any() != (kind == "base")
     options = {"size": (60, 60), "quality": rj.Quality.standard()}
     frame = rj.styles.STYLES[name](holed, camera).render(outputs=("color", "face_id"), **options)
     shown = frame.face_id >= 0
