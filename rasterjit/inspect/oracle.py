@@ -1057,6 +1057,9 @@ def _line_parameters(dx: int, dy: int, steps: Iterable[int] | None) -> Iterable[
 # --- what is wrong with a line or a fill ----------------------------------------------------------
 
 
+Fault: TypeAlias = Literal["missing", "extra", "twice"]
+
+
 class WrongPixel(NamedTuple):
     """
     A pixel that is not as the rules have it; as text, one line.
@@ -1072,7 +1075,7 @@ class WrongPixel(NamedTuple):
     """
 
     pixel: Pixel
-    fault: Literal["missing", "extra", "twice"]
+    fault: Fault
     reason: str
 
     def __str__(self) -> str:
@@ -1214,7 +1217,7 @@ def _compare_pixels(pixels, wanted, reason) -> list[WrongPixel]:
     counts = Counter(
         _to_int_pair(f"pixels[{n}]", pixel) for n, pixel in enumerate(_to_rows("pixels", pixels))
     )
-    faults = {pixel: "twice" for pixel, count in counts.items() if count > 1}
+    faults: dict[Pixel, Fault] = {pixel: "twice" for pixel, count in counts.items() if count > 1}
     faults |= dict.fromkeys(counts.keys() - set(wanted), "extra")
     faults |= dict.fromkeys(set(wanted) - counts.keys(), "missing")
     places = sorted(faults, key=lambda pixel: (pixel[1], pixel[0]))
