@@ -219,8 +219,8 @@ class MorphTrack(_Track):
     vertices : (K, V, 3) array_like, model space, optional
         What its vertices are at each time. Default: those of the mesh, all the time.
     scalars : (K, V) or (K, F) array_like, optional
-        Its scalars at each time. Colour map, norm and range are those of the mesh's own scalars,
-        the same at all times; if it has none, ``"viridis"`` and the range of all of these.
+        Its scalars at each time, all finite. Colour map, norm and range are those of the mesh's own
+        scalars, the same at all times; if it has none, ``"viridis"`` and the range of all of these.
     interpolation : {"linear", "smooth"}
 
     Notes
@@ -252,15 +252,22 @@ class MorphTrack(_Track):
             keys.append(check.finite_array("vertices", vertices, (None, len(mesh.vertices), 3)))
         if scalars is not None:
             values = check.finite_array("scalars", scalars, (None, None))
+            if not values.size:
+                raise ValueError(f"scalars must have rows of numbers, got shape {values.shape}")
             if mesh.field is None:
                 mesh = mesh.with_scalars(values[0], range=(values.min(), values.max()))
-            count = 0 if mesh.field is None else len(mesh.field.values)
+            assert mesh.field is not None
+            count = len(mesh.field.values)
             if values.shape[1] != count:
                 raise ValueError(
                     f"scalars must have {count} columns, as the mesh has scalars, got "
                     f"{values.shape[1]}"
                 )
             keys.append(values)
+        if len(keys[0]) != len(keys[-1]):
+            raise ValueError(
+                f"scalars must be as many rows as vertices, {len(keys[0])}, got {len(keys[-1])}"
+            )
         super().__init__(times, list(zip(*keys, strict=True)), interpolation)
         self.mesh = mesh
         self._curves = [_make_curve(self.times, key, interpolation) for key in keys]

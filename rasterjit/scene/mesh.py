@@ -767,8 +767,8 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         """
         Return the mesh with its vertices moved, such as a part as it deforms under load.
 
-        Normals are averages over the faces around each vertex. Skins and morph targets, which move
-        vertices themselves, are not taken over.
+        Normals are averages over the faces around each vertex; those of `Points` stay. Skins and
+        morph targets, which move vertices themselves, are not taken over.
 
         Parameters
         ----------
@@ -791,11 +791,19 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         """
         moves: Any = displacements
         if isinstance(displacements, str):
-            check.one_of("displacements", displacements, (*self._vertex_attributes,))
-            moves = self._vertex_attributes[displacements]
+            # Those of points are kept as those of faces.
+            is_points = self.primitive == "points"
+            attributes = self._face_attributes if is_points else self._vertex_attributes
+            check.one_of("displacements", displacements, (*attributes,))
+            moves = attributes[displacements]
         rows = len(self.vertices)
         moves = check.number_array("displacements", moves)
         if moves.shape in ((rows,), (rows, 1)):
+            if self.primitive != "triangles" and self.normals is None:
+                raise ValueError(
+                    f"displacements must have three numbers a vertex for {self.primitive} without "
+                    f"normals, got shape {moves.shape}"
+                )
             moves = moves.reshape(rows, 1) * self.vertex_normals()
         moves = check.finite_array("displacements", moves, (rows, 3))
         return replace_vertices(self, self.vertices + check.finite_number("scale", scale) * moves)
@@ -996,13 +1004,20 @@ def replace_scalars(mesh: Mesh, values: Float64) -> Mesh:
 
 
 def replace_vertices(mesh: Mesh, vertices: Float64) -> Mesh:
-    """Return a mesh with other vertices, as many, and the normals of that shape."""
+    """Return a mesh of the same class with other vertices, as many, and normals of that shape."""
     moved = Mesh(
         vertices, mesh.faces, colors=mesh.vertex_colors, uv=mesh.uv, uv1=mesh.uv1,
         attributes=mesh.vertex_attributes, material=mesh.material,
     )  # fmt: skip
+    if mesh.primitive != "triangles":
+        moved._normals = moved._vertex_normals = mesh.normals
     copy_field(moved, mesh)
-    return set_face_values(moved, mesh.face_colors, mesh.face_attributes)
+    set_face_values(moved, mesh.face_colors, mesh.face_attributes)
+    # Keep what classes have beside what a Mesh has, such as sizes.
+    own = {name: value for name, value in mesh.__dict__.items() if not hasattr(Mesh, name)}
+    result = object.__new__(type(mesh))
+    result.__dict__.update(own | moved.__dict__)
+    return result
 
 
 def set_face_scalars(mesh: Mesh, scalars: ArrayLike) -> Mesh:

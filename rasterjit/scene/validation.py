@@ -295,7 +295,7 @@ def one_of(name: str, value: Any, choices: Collection[Any]) -> Any:
         if isinstance(value, type(choice) if not isinstance(choice, int) else (int, np.integer))
     ]
     if isinstance(value, bool) or not candidates or value not in candidates:
-        options = ", ".join(repr(choice) for choice in choices)
+        options = ", ".join(map(repr, choices)) or "those that there are, which are none"
         raise ValueError(
             f"{name} must be one of {options}; got {short_repr(value)}{suggest(value, choices)}"
         )

@@ -174,6 +174,16 @@ def test_scalars_go_from_key_to_key_by_one_scale(cube, of_faces):
     assert both.field.colormap.name == "viridis"
 
 
+def test_a_morph_of_points_is_points():
+    points = rj.Points(np.eye(3), size=0.2, unit="world", shape="sphere")
+    shape = MorphTrack((0, 1), points, [np.eye(3), 3 * np.eye(3)], scalars=[[0, 1, 2], [2, 3, 4]])
+    half = shape(0.5)
+    assert isinstance(half, rj.Points)
+    assert (half.shape, half.sizes.tolist()) == ("sphere", [0.2])
+    assert np.allclose(half.vertices, 2 * np.eye(3))
+    assert np.allclose(half.field.values, [1, 2, 3])
+
+
 def test_one_key_is_enough(cube):
     camera = cameras()[0]
     assert CameraTrack((1.0,), (camera,))(5) == camera
@@ -211,6 +221,16 @@ def test_one_key_is_enough(cube):
         (
             lambda: MorphTrack((0,), rj.Mesh(np.eye(3), [[0, 1, 2]]), scalars=[[1, 2]]),
             "scalars must have",
+        ),
+        (
+            lambda: MorphTrack((), rj.Mesh(np.eye(3), [[0, 1, 2]]), scalars=np.zeros((0, 3))),
+            r"scalars must have rows of numbers, got shape \(0, 3\)",
+        ),
+        (
+            lambda: MorphTrack(
+                (0, 1), rj.Mesh(np.eye(3), [[0, 1, 2]]), [np.eye(3)] * 2, scalars=[[1, 2, 3]]
+            ),
+            "scalars must be as many rows as vertices, 2, got 1",
         ),
     ],
 )

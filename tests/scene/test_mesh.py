@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import rasterjit as rj
 from rasterjit.scene import distinct_rows as rows_module
 from rasterjit.scene import normals as normals_module
 from rasterjit.scene.distinct_rows import distinct_rows
@@ -408,3 +409,41 @@ def test_warped_vertices_move_by_vectors_or_along_normals(cube):
     ):
         with pytest.raises(ValueError, match=words):
             mesh.warp(wrong)
+    with pytest.raises(ValueError, match=r"displacements must be one of those .* none; got 'v'"):
+        cube.warp("v")
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        rj.Points(
+            np.eye(3), size=[7, 8, 9], colors=np.eye(3), normals=np.eye(3),
+            attributes={"u": np.eye(3)},
+        ),
+        rj.Lines(
+            np.eye(3), width=9.0, dashes=(3, 2), scalars=[1, 2, 3], attributes={"u": np.eye(3)}
+        ),
+        rj.Arrows(np.zeros((2, 3)), np.eye(3)[:2], sides=5, scalars=[1, 2]),
+        rj.Arrow((0, 0, 0), (1, 1, 0), color="red"),
+    ],
+)  # fmt: skip
+def test_what_is_warped_keeps_its_class_and_looks_as_if_made_there(mesh):
+    shift = np.broadcast_to((0.5, -0.25, 0.0), mesh.vertices.shape)
+    moved = mesh.warp(shift)
+    assert type(moved) is type(mesh)
+    assert set(vars(moved)) == set(vars(mesh))
+    assert repr(moved) == repr(mesh)
+    assert np.array_equal(moved.vertices, mesh.vertices + shift)
+    assert np.allclose(moved.bounds(), np.array(mesh.bounds()) + shift[0])
+    scene = rj.Scene()
+    scene.add(mesh, transform=rj.transforms.translate(shift[0]))
+    camera = rj.OrthographicCamera((0.5, 0, 5), (0.5, 0, 0), height=4.0)
+    options = {"size": (40, 40), "outputs": ("color", "face_id"), "threads": 1}
+    wanted, found = (rj.render(one, camera, **options) for one in (scene, moved))
+    assert (found.face_id >= 0).sum() > 10
+    assert np.array_equal(found.face_id, wanted.face_id)
+    if mesh.primitive != "triangles":
+        assert np.array_equal(found.color, wanted.color)
+        with pytest.raises(ValueError, match=r"displacements must have three|one of .u"):
+            mesh.warp(np.ones(len(mesh.vertices)) if mesh.normals is None else "none")
+        assert np.array_equal(mesh.warp("u").vertices, mesh.vertices + np.eye(3))
