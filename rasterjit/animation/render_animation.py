@@ -249,8 +249,9 @@ def save(
     fps : float
         Frames a second, in 1..50 for GIF and 1..120 for the others.
     colorbar : bool or str
-        Whether frames have a colour bar to the right, or its title: one for all, so their scalars
-        have one colormap, norm and range.
+        Whether frames have a colour bar to the right, or its title: that of the first for all, so
+        they have one height, and their scalars one colormap, norm and range. It has arrows and the
+        colour of NaN only if the first frame has values beyond the range, and NaN.
 
     Raises
     ------
@@ -293,8 +294,8 @@ def _append_bars(
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield pictures with the colour bar of the first frame, of an even width for MP4."""
     first: ColorScale | None = None
-    for frame in frames:
-        scale = join_scales([frame])
+    for n, frame in enumerate(frames):
+        scale = join_scales([frame], n)
         picture = frame.color if isinstance(frame, Frame) else frame
         if first is None:
             first, bar = scale, draw_colorbar(scale, len(picture), title)
@@ -304,5 +305,10 @@ def _append_bars(
             raise ValueError(
                 "colorbar must be False where frames differ in colormap, norm or range: give them "
                 "one range=(low, high)"
+            )
+        if len(picture) != len(bar):
+            raise ValueError(
+                f"frames must all be {len(bar)} pixels high as the first is, got {len(picture)} as "
+                f"number {n}"
             )
         yield append_bar(picture, bar)

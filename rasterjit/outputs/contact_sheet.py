@@ -15,7 +15,7 @@ from rasterjit.outputs.colorbar import append_bar, draw_colorbar, merge_scales, 
 from rasterjit.outputs.frame import Frame, LayeredFrame
 from rasterjit.scene.color import ColorLike, linear_color, opaque_codes
 from rasterjit.scene.scalar_field import ColorScale
-from rasterjit.scene.validation import brief, index_below, sequence, strings
+from rasterjit.scene.validation import brief, index_below, sequence, string, strings
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -96,6 +96,8 @@ def grid(
         labels = strings("labels", labels)
         if len(labels) != len(images):
             raise ValueError(f"labels must be {len(images)}, one a picture, got {len(labels)}")
+    if string("unit", unit) and colorbar is False:
+        raise ValueError(f"unit must be '' where there is no colorbar, got {unit!r}")
     # Choose the size of cells and the number of columns.
     gap = index_below("gap", gap, ARGUMENT_LIMIT)
     width, height = (max(image.size[axis] for image in images) for axis in (0, 1))
@@ -136,10 +138,14 @@ def grid(
     return Image.fromarray(append_bar(np.asarray(sheet.convert("RGBA")), bar)).convert("RGB")
 
 
-def join_scales(frames: Iterable[Any]) -> ColorScale:
-    """Return the scale of the scalars of all frames, or raise ``ValueError`` without one."""
+def join_scales(frames: Iterable[Any], first: int = 0) -> ColorScale:
+    """
+    Return the scale of the scalars of all frames, or raise ``ValueError`` without one.
+
+    ``first`` is the number of the first of them in messages.
+    """
     scales = []
-    for n, frame in enumerate(frames):
+    for n, frame in enumerate(frames, first):
         if not isinstance(frame, Frame):
             raise ValueError(
                 f"colorbar must be False but for frames, got {brief(frame)} as number {n}"

@@ -252,9 +252,11 @@ def test_frames_of_a_series_have_one_bar(tmp_path, renderer):
             shown = np.array(read.convert("RGB"))[:, renderer.size[0] :].astype(int)
             assert np.abs(shown[:, : bar.shape[1]] - bar[..., :3]).mean() < 3.0
     other = rj.render(node.mesh.with_scalars([0, 1, 2]), size=renderer.size, threads=1)
+    lower = rj.render(node.mesh, size=(renderer.size[0], 20), threads=1)
     for wrong, words in (
         ([*frames, other], "colorbar must be False where frames differ"),
-        ([frames[0].color], "colorbar must be False but for frames"),
+        ([*frames, frames[0].color], "colorbar must be False but for frames, got .* number 3"),
+        ([frames[0], lower], "frames must all be .* high as the first is, got 20 as number 1"),
     ):
         with pytest.raises(ValueError, match=words):
             playing_module.save(wrong, tmp_path / "b.gif", colorbar=True)

@@ -65,6 +65,8 @@ def test_sheet_is_nearly_square(count, columns):
         (dict(pictures=[RED], columns=0), "columns must be at least 1, got 0"),
         (dict(pictures=[RED], gap=-1), "gap must be a whole number"),
         (dict(pictures=[RED], background="greenish"), "background"),
+        (dict(pictures=[RED], unit=3), "unit must be a text, got 3"),
+        (dict(pictures=[RED], unit="m"), "unit must be '' where there is no colorbar, got 'm'"),
     ],
 )
 def test_bad_argument_is_named(given, told):
