@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 
 import numpy as np
@@ -35,9 +36,16 @@ def draw_scale_bar(
     """Draw a strip as wide as a picture with the longest round bar that has room; (h, W, 4)."""
     width = size[0]
     pixels = _pixels_per_scene_unit(camera, size, depth) * per_unit
-    value = _round_down(MAX_LENGTH_SHARE * width / pixels)
-    left, row = min(MARGIN_PX, width - 1), HEIGHT_PX // 3
-    right = min(left + max(round(value * pixels), 1), width) - 1
+    longest = MAX_LENGTH_SHARE * width / pixels if pixels > 0.0 else math.inf
+    if not 0.0 < longest < math.inf:
+        raise ValueError(
+            f"per_unit must give the bar a length that a number can have, got {per_unit!r}"
+        )
+    value = _round_down(longest)
+    # In narrow pictures the margin gives way to the bar.
+    length, row = max(round(value * pixels), 1), HEIGHT_PX // 3
+    left = min(MARGIN_PX, width - length)
+    right = left + length - 1
     picture = np.full((HEIGHT_PX, width, 4), 255, np.uint8)
     picture[..., :3] = PAPER
     picture[row - 1 : row + 1, left : right + 1, :3] = INK

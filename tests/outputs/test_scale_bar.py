@@ -49,6 +49,10 @@ def test_a_narrow_frame_has_a_bar():
     for width in (1, 8, 30):
         strip = rj.render(mesh, camera, size=(width, 9), threads=1).scale_bar("mm", arrow=True)
         assert strip.shape == (36, width, 4)
+    for width in (6, 9, 12):
+        camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=9.0)
+        strip = rj.render(mesh, camera, size=(width, 9), threads=1).scale_bar()
+        assert length_of(strip) == {6: 2, 9: 2, 12: 2}[width]
 
 
 def test_arrows_have_heads_and_strips_are_as_wide_as_the_frame():
@@ -68,6 +72,7 @@ def test_arrows_have_heads_and_strips_are_as_wide_as_the_frame():
     [
         ({"unit": 3}, "unit must be a text"), ({"per_unit": 0}, "per_unit must be above 0"),
         ({"depth": -1}, "depth must be above 0"), ({"arrow": 2}, "arrow must be"),
+        ({"per_unit": 1e308}, "per_unit must give"), ({"per_unit": 5e-324}, "per_unit must give"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(options, words):
