@@ -12,8 +12,8 @@ from rasterjit.scene import transforms
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.validation import finite_array, finite_number, image_size, positive_number
 
-ROUNDING = 1e-12
-"""Numbers below this share of the largest beside them are written as 0."""
+ROUNDING = 1e-14
+"""Errors of numbers, as a share of what they are computed with; what is below is written as 0."""
 
 
 class Projection(NamedTuple):
@@ -61,8 +61,8 @@ class PipelineStages(tuple[PipelineStage, ...]):
 
     def __str__(self) -> str:
         columns = [
-            (one.name, _write_matrix(one.matrix), _write_row(one.position), one.space)
-            for one in self
+            (one.name, _write_matrix(one.matrix), _write_row(one.position, rounding), one.space)
+            for one, rounding in zip(self, self._bound_rounding(), strict=True)
         ]
         widths = [max(map(len, column)) for column in zip(*columns, strict=True)]
         lines = (
@@ -74,15 +74,27 @@ class PipelineStages(tuple[PipelineStage, ...]):
     def latex(self) -> str:
         """Return a line of LaTeX a stage, in an ``aligned`` environment, without dollars."""
         lines = []
-        for before, stage in pairwise(self):
-            inner = _write_latex(before.position[:, np.newaxis])
+        roundings = self._bound_rounding()
+        for (before, old), (stage, new) in pairwise(zip(self, roundings, strict=True)):
+            inner = _write_latex(before.position[:, np.newaxis], old[:, np.newaxis])
             if stage.matrix is None:
                 product = rf"\frac{{1}}{{{before.position[3]:.4g}}} {inner}"
             else:
-                product = f"{_write_latex(stage.matrix)} {inner}"
-            result = _write_latex(stage.position[:, np.newaxis])
+                factor = _write_latex(stage.matrix, ROUNDING * _group_sizes(stage.matrix))
+                product = f"{factor} {inner}"
+            result = _write_latex(stage.position[:, np.newaxis], new[:, np.newaxis])
             lines.append(rf"\mathbf{{p}}_{{\text{{{stage.space}}}}} &= {product} = {result}")
         return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
+
+    def _bound_rounding(self) -> list[NDArray[np.float64]]:
+        """Return about how far rounding may have moved each position, (4,) a stage."""
+        bounds = [np.zeros(4)]
+        for before, stage in pairwise(self):
+            matrix = np.eye(4) / before.position[3] if stage.matrix is None else stage.matrix
+            with np.errstate(over="ignore"):
+                before_bound = bounds[-1] + ROUNDING * np.abs(before.position)
+                bounds.append((_group_sizes(matrix) * before_bound).max(axis=1))
+        return bounds
 
     def _repr_latex_(self) -> str:
         return f"$\\displaystyle {self.latex()}$"
@@ -297,7 +309,9 @@ class ClassicPipeline(Guarded):
         half_width, half_height = self._size[0] / 2.0, self._size[1] / 2.0
         viewport = np.eye(4)
         viewport[0, [0, 3]], viewport[1, [1, 3]] = half_width, (-half_height, half_height)
-        position = np.append(self.project([vertex]).pixels[0], position[2:])
+        position = np.append(
+            self.project(stages[0].position[np.newaxis, :3]).pixels[0], position[2:]
+        )
         stages.append(PipelineStage("viewport", "pixels", viewport, position))
         return PipelineStages(stages)
 
@@ -329,23 +343,37 @@ class ClassicPipeline(Guarded):
         return Projection(pixels, ndc[:, 2].copy(), inside.all(axis=1) & in_depth)
 
 
-def _write_numbers(matrix: NDArray[np.float64]) -> list[list[str]]:
-    """Return the numbers of a matrix as texts; 0 for what is but rounding beside the largest."""
-    least = ROUNDING * float(np.abs(matrix).max())
-    return [[f"{0.0 if abs(one) < least else one:.4g}" for one in row] for row in matrix.tolist()]
+def _group_sizes(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Return the sizes, (4, 4), that rounding errors of a matrix's entries are shares of.
+
+    Of what a row multiplies x, y and z by, and of the translation, the largest; 0 for 0.
+    """
+    sizes = np.abs(matrix)
+    sizes[:, :3] = sizes[:, :3].max(axis=1, keepdims=True)
+    sizes[:3, 3] = sizes[:3, 3].max()
+    return np.where(matrix == 0.0, 0.0, sizes)
 
 
-def _write_row(numbers: NDArray[np.float64]) -> str:
+def _write_numbers(numbers: NDArray[np.float64], rounding: NDArray[np.float64]) -> list[list[str]]:
+    """Return rows of numbers as texts; 0 for what is but rounding."""
+    shown = np.where(np.abs(numbers) < rounding, 0.0, numbers)
+    return [[f"{one:.4g}" for one in row] for row in shown.tolist()]
+
+
+def _write_row(numbers: NDArray[np.float64], rounding: NDArray[np.float64]) -> str:
     """Return numbers between parentheses."""
-    return f"({', '.join(_write_numbers(numbers[np.newaxis])[0])})"
+    return f"({', '.join(_write_numbers(numbers[np.newaxis], rounding)[0])})"
 
 
 def _write_matrix(matrix: NDArray[np.float64] | None) -> str:
     """Return the rows of a matrix in a line; nothing for None."""
-    return "" if matrix is None else f"[{'; '.join(map(' '.join, _write_numbers(matrix)))}]"
+    if matrix is None:
+        return ""
+    return f"[{'; '.join(map(' '.join, _write_numbers(matrix, ROUNDING * _group_sizes(matrix))))}]"
 
 
-def _write_latex(matrix: NDArray[np.float64]) -> str:
+def _write_latex(numbers: NDArray[np.float64], rounding: NDArray[np.float64]) -> str:
     """Return a matrix in LaTeX."""
-    rows = map(" & ".join, _write_numbers(matrix))
+    rows = map(" & ".join, _write_numbers(numbers, rounding))
     return r"\begin{bmatrix} " + r" \\ ".join(rows) + r" \end{bmatrix}"

@@ -247,6 +247,15 @@ def test_rounding_is_written_as_zero():
     assert "e-" not in str(pipeline.explain((0, 0, -2)))
 
 
+def test_what_is_small_but_exact_is_written():
+    stages = looking_down_minus_z().scale(1e-14).world_pos((0, 0, -2)).explain((1, 1, 1))
+    line = str(stages).splitlines()[1]
+    assert "[1e-14 0 0 0; 0 1e-14 0 0; 0 0 1e-14 0; 0 0 0 1]" in line
+    assert "(1e-14, 1e-14, 1e-14, 1)" in line
+    far = looking_down_minus_z().explain((1e300, 0, -2))
+    assert str(far).count("(1e+300, 0, -2, 1)") == 5
+
+
 def test_what_has_no_pixel_is_not_explained():
     with pytest.raises(ValueError, match="must be set before explain"):
         ClassicPipeline().explain((0, 0, 0))
