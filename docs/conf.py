@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from numpydoc.xref import DEFAULT_LINKS
+from sphinx.ext.autodoc.mock import _MockModule
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "extensions")]
@@ -39,6 +40,7 @@ default_role = "py:obj"  # What docstrings put between single backticks.
 myst_heading_anchors = 4
 """Headings down to this level are anchors, named as GitHub names them."""
 
+_MockModule.__version__ = "999.0"  # Later than any version that is asked for.
 autodoc_mock_imports = [name for name in ("mujoco", "pybullet") if find_spec(name) is None]
 autodoc_typehints = "none"  # Docstrings tell the types, with shapes and units.
 autodoc_preserve_defaults = True

@@ -14,8 +14,7 @@ except ImportError as error:
     raise ImportError(
         f'pictures of models need MuJoCo: pip install "rasterjit[mujoco]" ({error})'
     ) from error
-# A stand-in, as documentation is built with, has no version.
-if () < tuple(map(int, _mujoco.__version__.split(".")[:2])) < (3, 17):
+if tuple(map(int, _mujoco.__version__.split(".")[:2])) < (3, 17):
     raise ImportError(
         'pictures of models need MuJoCo 3.17 or later: pip install "rasterjit[mujoco]" '
         f"(found {_mujoco.__version__})"
