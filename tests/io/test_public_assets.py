@@ -3,8 +3,8 @@ Public glTF files that packages bring: all triangles are drawn, what is left out
 
 Debian's ``assimp-testmodels`` has Khronos' BoxTextured, 2CylinderEngine, ClearCoatTest,
 TextureTransformTest and others, some damaged on purpose; ``gradio`` has Duck and Fox. Neither has
-reference pictures beside them: they were compared with Khronos' own by eye. Without the packages
-the tests are skipped.
+reference pictures beside them, so how the pictures look is not compared with any. Without the
+packages the tests are skipped.
 """
 
 from __future__ import annotations
