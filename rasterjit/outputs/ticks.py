@@ -19,8 +19,8 @@ MAX_DIGITS = 6
 MIN_EXPONENT = -4
 """Power of ten of the largest tick below which ticks are written with a power of ten."""
 
-NAMES_PER_INTERVAL = 2
-"""How many names of categories have room where numbers have one interval."""
+NAMES_PER_INTERVAL = 2.4
+"""How many names of categories have room in an interval between numbers: 1.25 font sizes each."""
 
 MINOR_FACTORS = range(2, 10)
 """Minor ticks, times a power of ten."""
@@ -56,7 +56,7 @@ def make_ticks(scale: ColorScale, max_intervals: int) -> Ticks:
         shown_names = [*enumerate(scale.colormap.categories)][::step]
         inside = [(float(n), name) for n, name in shown_names if low <= n <= high]
         if inside:
-            return Ticks(*map(list, zip(*inside, strict=True)))
+            return Ticks([n for n, _ in inside], [name for _, name in inside])
     if norm.bounds:
         shown = [*norm.bounds][:: math.ceil((len(norm.bounds) - 1) / max_intervals)]
         return Ticks(shown, [f"{bound:.{MAX_DIGITS}g}" for bound in shown])
