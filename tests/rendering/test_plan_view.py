@@ -93,7 +93,7 @@ def test_nothing_is_prepared_for_what_is_out_of_view(monkeypatch):
               "alpha_mode": "mask"}  # fmt: skip
     scene = scene_of(PLAIN, (square(**fields), AWAY))
     for name in ("join_textures", "join_maps", "join_microfacets", "join_alpha_tests"):
-        monkeypatch.setattr(f"rasterjit.survey.cache.{name}", refuse)
+        monkeypatch.setattr(f"rasterjit.survey.packed_scene.{name}", refuse)
     monkeypatch.setattr("rasterjit.survey.packed_scene.join_normals", refuse)
     frame = rj.render(scene, CAMERA, size=SIZE, outputs=("linear",), threads=1)
     alone = rj.render(scene_of(PLAIN), CAMERA, size=SIZE, outputs=("linear",), threads=1)
