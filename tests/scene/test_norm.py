@@ -10,9 +10,6 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.outputs.ticks import find_log_ticks, find_symlog_ticks, find_ticks
-from rasterjit.pipeline.surface.scalar_colors import find_entry
-from rasterjit.scene.colormap import range_divisor
-from rasterjit.scene.norm import Norm
 from rasterjit.scene.scalar_field import make_field
 
 CASES = 2000
@@ -166,19 +163,6 @@ def test_entries_of_logarithms_begin_at_numbers_rounded_once():
     assert own_field([3.0, 3.0], norm="log").entries([2.9, 3.0, 3.1]).tolist() == [1, 1, 1]
     assert own_field([1.0, -1.0], norm="log").entries([1.0, 0.0, -1.0]).tolist() == [1, 258, 258]
     assert own_field([-1.0, -2.0], norm="log").has_nan
-
-
-def test_three_ways_to_an_entry_lead_to_one():
-    rng = np.random.default_rng(4)
-    table = rj.Colormap("turbo")
-    ranges = [(0.0, 1.0), (-3.0, -3.0), *np.sort(rng.normal(size=(20, 2)) * 1e3).tolist()]
-    for low, high in ranges:
-        values = np.append(rng.uniform(low - 1.0, high + 1.0, 50), [low, high])
-        entries = table.entries(values, low, high)
-        ranks = Norm((low, high)).ranks(values, len(table))
-        assert np.array_equal(entries, np.clip(ranks, 0, len(table) - 1))
-        width = range_divisor(low, high)
-        assert entries.tolist() == [find_entry(one, low, width, len(table)) for one in values]
 
 
 def test_ranges_are_fitted_without_a_share_of_the_values_at_each_end():
