@@ -14,7 +14,7 @@ from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene, with_labels
 from rasterjit.scene.section import SectionPlane
 from rasterjit.scene.transforms import transform_points
-from rasterjit.scene.validation import brief, read_only
+from rasterjit.scene.validation import instance_of, read_only
 from rasterjit.survey.cross_sections import CutNodes, cut_scene
 from rasterjit.survey.deformation import pose_scene
 
@@ -81,8 +81,7 @@ def cross_section(scene: Any, plane: SectionPlane) -> CrossSection:
     >>> round(cut.area, 1), round(cut.length, 1), len(cut.outlines[0])
     (3.1, 6.3, 1)
     """
-    if not isinstance(plane, SectionPlane):
-        raise ValueError(f"plane must be a SectionPlane, got {brief(plane)}")
+    instance_of("plane", plane, SectionPlane)
     whole = with_labels(pose_scene(as_scene(scene, "scene")), [])
     if not whole.nodes:
         raise ValueError("scene must hold at least one mesh, got an empty scene")

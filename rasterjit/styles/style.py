@@ -47,6 +47,7 @@ from rasterjit.styles.shadow_catcher import (
 )
 from rasterjit.survey.deformation import pose_scene
 from rasterjit.survey.light_culling import max_reflected_light
+from rasterjit.survey.object_counts import find_base_color
 from rasterjit.survey.plan import RenderPlan
 
 EXPOSURE_SIZE = (96, 96)
@@ -147,21 +148,17 @@ def _keep_shape(
     changed.material = replace(material, double_sided=own.double_sided)
     if own.alpha_mode != "mask":
         return changed
-    texture, cutoff = own.base_color_texture, None
-    has_colors = mesh.vertex_colors is not None or mesh.face_colors is not None
+    texture, mode, cutoff = own.base_color_texture, material.alpha_mode, None
     red, green, blue, clearness = material.base_color_over(True)
-    alpha = own.base_color_over(has_colors)[3]
-    if material.alpha_mode == "blend":
+    alpha = find_base_color(mesh)[3]
+    if mode == "blend":
         cutoff = own.alpha_cutoff / alpha if alpha > 0.0 else math.inf
         alpha = clearness if cutoff <= 1.0 else 0.0
-    else:
-        changed.material = replace(
-            changed.material, alpha_mode="mask", alpha_cutoff=own.alpha_cutoff
-        )
-    holes = None if texture is None else _texture_holes(texture, cutoff)
     changed.material = replace(
-        changed.material, base_color=(red, green, blue, alpha), base_color_texture=holes
-    )
+        changed.material, base_color=(red, green, blue, alpha),
+        alpha_mode="blend" if mode == "blend" else "mask", alpha_cutoff=own.alpha_cutoff,
+        base_color_texture=None if texture is None else _texture_holes(texture, cutoff),
+    )  # fmt: skip
     of_vertices = None if mesh.vertex_colors is None else mesh.vertex_colors[sources]
     changed._vertex_colors = _color_holes(of_vertices, changed.vertex_colors, cutoff)
     if len(changed.faces) == len(mesh.faces):

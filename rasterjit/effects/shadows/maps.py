@@ -81,7 +81,7 @@ SPIRAL_GROWTHS = (
 SMOOTH_DEGREES = 8.0
 """Widest sun whose penumbra shows no bands at the least density."""
 
-MAX_SAMPLING = len(SPIRAL_GROWTHS)
+MAX_SAMPLE_DENSITY = len(SPIRAL_GROWTHS)
 """Most points that soft shadows take, as a multiple of the least."""
 
 GOLDEN_ANGLE = 137.50776405003785
@@ -559,10 +559,10 @@ def find_density(light: CastingLight) -> int:
     shadow = light.shadow
     if shadow is None or shadow.light_size is None or not isinstance(light, DirectionalLight):
         return 1
-    return max(1, min(MAX_SAMPLING, math.ceil(shadow.light_size / SMOOTH_DEGREES)))
+    return max(1, min(MAX_SAMPLE_DENSITY, math.ceil(shadow.light_size / SMOOTH_DEGREES)))
 
 
-@lru_cache(MAX_SAMPLING)
+@lru_cache(MAX_SAMPLE_DENSITY)
 def make_disk_points(density: int = 1) -> NDArray[np.float32]:
     """
     Return points of the unit disk where soft shadows are compared, (N, 2), as in a sunflower [2]_.

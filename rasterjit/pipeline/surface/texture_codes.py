@@ -331,8 +331,19 @@ def decode_texture_codes(
     """
     Write the base colours of objects whose textures are read as codes, in linear light.
 
-    After the textures of all objects were read and multiplied. ``on_faces``: not 0 if samples lie
-    on their faces, at pixel centres. ``curve``, (256,): linear light of codes.
+    After the textures of all objects were read and multiplied.
+
+    Parameters
+    ----------
+    block : Block
+        Writes rows RED to BLUE of ``samples``.
+    uv : (V, 2) float32; v runs up
+    geometry : Geometry
+    textures : CodedTextures
+    on_faces : int
+        Not 0 if samples lie on their faces, at pixel centres.
+    curve : (256,) float32
+        Linear light of sRGB codes.
     """
     has_wide = may_have_wide_faces(geometry.viewport)
     for k in range(block.counts[rows.SEGMENT_COUNT]):
@@ -362,7 +373,18 @@ def write_texture_codes(
     block: Block, count, uv: float32[:, ::1], geometry: Geometry, textures: CodedTextures,
     color: uint32[:, ::1],
 ):  # fmt: skip
-    """Write the codes of textures where all objects show nothing else; see the module."""
+    """
+    Write the codes of textures where all objects in view show nothing else.
+
+    Parameters
+    ----------
+    block : Block
+    uv : (V, 2) float32; v runs up
+    geometry : Geometry
+    textures : CodedTextures
+    color : (R, W) uint32
+        Writes opaque sRGB codes, RGBA bytes from the lowest up.
+    """
     has_wide = may_have_wide_faces(geometry.viewport)
     for k in range(block.counts[rows.SEGMENT_COUNT]):
         look_up_codes(block, uv, geometry, textures, has_wide, k)
