@@ -78,7 +78,6 @@ from rasterjit.survey.object_transforms import (
     KNOWN_CAMERAS,
     Boxes,
     BoxMeasures,
-    Extents,
     ObjectTransforms,
     compute_projection,
     measure_boxes,
@@ -217,10 +216,9 @@ class BatchScheduler:
     ) -> PreparedGroup:
         """Prepare a group of views, with ``world_from_model`` of moving objects, (N, O, 4, 4)."""
         # Transform the objects of all views.
-        known, extents = self.cache.transforms, self.cache.extents
+        known, bounds = self.cache.transforms, self.cache.shapes.boxes
         if places is not None:
             known = batched_views.transform_batched_objects(set_exact_last_rows(places))
-            extents = Extents(self.cache.shapes.boxes, known.world_from_model)
         else:
             known = ObjectTransforms(*(part[np.newaxis] for part in known))
         moved_cameras, clip_warnings = list(cameras), {}
@@ -228,7 +226,7 @@ class BatchScheduler:
         eyes = np.array([camera.eye_position() for camera in cameras], np.float64)
         projection = np.array([compute_projection(camera, self.options.size) for camera in cameras])
         views = batched_views.transform_to_views(known.world_from_model, eyes, view, projection)
-        measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
+        measures = measure_boxes(bounds, views.relative_from_model, views.clip_from_relative)
         # Place open planes where they clip nothing in view.
         is_clear, far = self._check_planes(cameras, view, known, places is not None)
         beyond_boxes = np.broadcast_to(self._are_spheres_beyond(known), len(cameras))
@@ -236,11 +234,8 @@ class BatchScheduler:
         has_moved = False
         for n in self._find_crossed_views(cameras, needs_check, beyond_boxes, views, measures):
             relative, clip = views.relative_from_model[n], views.clip_from_relative[n]
-            view_extents = self.cache.extents
-            if places is not None:
-                view_extents = Extents(self.cache.shapes.boxes, known.world_from_model[n])
             beyond = self.cache.tables.inventory.pixel_overhang(self.options.size)
-            boxes = Boxes(view_extents, eyes[n], relative, clip, measures.select_views(n), beyond)
+            boxes = Boxes(bounds, eyes[n], relative, clip, measures.select_views(n), beyond)
             needs = find_plane_needs(
                 cameras[n], boxes, self.scene.nodes, clip, self.options.quality
             )
@@ -252,7 +247,7 @@ class BatchScheduler:
                 has_moved = True
         if has_moved:
             views = batched_views.transform_to_views(known.world_from_model, eyes, view, projection)
-            measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
+            measures = measure_boxes(bounds, views.relative_from_model, views.clip_from_relative)
         # Decide which views are drawn together.
         coefficients = np.array([camera.depth_coefficients() for camera in moved_cameras])
         near = coefficients[:, 0]

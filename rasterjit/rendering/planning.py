@@ -24,6 +24,7 @@ from rasterjit.outputs.output_table import (
 )
 from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.fragments.fragment_bands import list_peeling_kernels
+from rasterjit.pipeline.geometry import object_boxes
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import visibility_pass
@@ -51,7 +52,6 @@ from rasterjit.survey.light_culling import apply_reference_shading, pack_headlig
 from rasterjit.survey.object_counts import Inventory
 from rasterjit.survey.object_transforms import (
     Boxes,
-    Extents,
     ViewTransforms,
     reproject_views,
     transform_nodes_to_view,
@@ -64,8 +64,8 @@ CULL_MODES: tuple[Cull, ...] = get_args(Cull)
 
 BYTES_PER_ELEMENT = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
-SceneSummary = tuple[Inventory, Extents]
-"""Properties and bounds of a scene's objects."""
+SceneSummary = tuple[Inventory, NDArray[np.float64]]
+"""Properties of a scene's objects, and their boxes, (O, 2, 3), model space."""
 
 
 class FrameRequest(NamedTuple):
@@ -126,12 +126,12 @@ def make_plan(
         summary = object_counts.take_inventory(scene.nodes, quality, scene.environment is not None)
     if views is None:
         views = transform_nodes_to_view(scene.nodes, camera, size)
-    inventory, extents = summary
+    inventory, bounds = summary
     eye, overhang = np.asarray(camera.eye_position()), inventory.pixel_overhang(size)
 
     def make_boxes(views: ViewTransforms) -> Boxes:
         matrices = views.relative_from_model, views.clip_from_relative
-        return Boxes(extents, eye, *matrices, overhang=overhang)
+        return Boxes(bounds, eye, *matrices, overhang=overhang)
 
     boxes = make_boxes(views)
     # Place open near and far planes where they clip nothing in view.
@@ -285,6 +285,8 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     listed = {row[:2] for row in visibility}
     rows = [
         *(deformation.list_skinning_kernels() if plan.facts.counts.skinned else []),
+        KernelRow(object_boxes.transform_normals, "", "an object was rotated or scaled"),
+        KernelRow(object_boxes.measure_boxes),
         *clip_planes.kernels_of(plan.camera),
         *visibility,
         *ground_truth.list_depth_kernels(plan),
@@ -440,7 +442,7 @@ def plan_frame(
     camera, scene = choose_camera(scene, camera, size), cut_by_section(scene)
     cache = update_cache(scene.nodes, last_cache, quality, scene.environment is not None)
     views = object_transforms.transform_to_view(cache.transforms, camera, size)
-    plan = make_plan(request, scene, camera, cache.inventory_and_extents, views, last_plan)
+    plan = make_plan(request, scene, camera, cache.inventory_and_boxes, views, last_plan)
     if any(plan.plane_needs.steps) and _have_planes_moved(camera, plan.camera):
         views = object_transforms.reproject_views(views, plan.camera, size)
     previous = resolve_previous_view(request.previous, plan, scene, camera)
@@ -451,7 +453,7 @@ def plan_frame(
     old_cache = update_cache(old_scene.nodes, cache, quality, old_scene.environment is not None)
     old_views = object_transforms.transform_to_view(old_cache.transforms, old_camera, size)
     old_plan = plan_previous_view(
-        plan, old_scene, old_camera, old_cache.inventory_and_extents, old_views
+        plan, old_scene, old_camera, old_cache.inventory_and_boxes, old_views
     )
     if old_camera is camera:
         # One camera has the same planes in both views.
@@ -545,7 +547,7 @@ def find_scene_plane_needs(
         cache = update_cache(scene.nodes, None, quality, scene.environment is not None)
     views = object_transforms.transform_to_view(cache.transforms, view_camera, size)
     boxes = Boxes(
-        cache.extents, view_camera.eye_position(), views.relative_from_model,
+        cache.shapes.boxes, view_camera.eye_position(), views.relative_from_model,
         views.clip_from_relative, overhang=cache.tables.inventory.pixel_overhang(size),
     )  # fmt: skip
     return clip_planes.find_plane_needs(

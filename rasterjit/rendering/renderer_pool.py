@@ -506,6 +506,4 @@ class SceneSnapshot:
         views = object_transforms.transform_to_view(
             self._cache.transforms, camera, self._request.size
         )
-        return make_plan(
-            self._request, self._scene, camera, self._cache.inventory_and_extents, views
-        )
+        return make_plan(self._request, self._scene, camera, self._cache.inventory_and_boxes, views)

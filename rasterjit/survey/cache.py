@@ -29,7 +29,7 @@ from rasterjit.scene.node import Node, check_no_groups, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
 from rasterjit.survey import object_transforms, packed_scene
 from rasterjit.survey.object_counts import SMOOTH, Attribute, Inventory
-from rasterjit.survey.object_transforms import Extents, ObjectTransforms, compute_mesh_boxes
+from rasterjit.survey.object_transforms import ObjectTransforms, compute_mesh_boxes
 from rasterjit.survey.packed_scene import SceneArrays
 from rasterjit.survey.quality_overrides import override_key, override_meshes
 
@@ -295,17 +295,15 @@ class SceneCache(NamedTuple):
     matrices: list[NDArray[np.float64]]
     """``world_from_model`` of each object."""
     transforms: ObjectTransforms
-    extents: Extents
-    """Bounds of the objects in world space."""
     all_tables: dict[Any, MaterialTables]
     """Tables by the settings of a quality that they depend on."""
     cut: Cut | None = None
     """Mapping to the original scene, if a section cut this one."""
 
     @property
-    def inventory_and_extents(self) -> tuple[Inventory, Extents]:
-        """The objects' properties and extents, as planning takes them."""
-        return self.tables.inventory, self.extents
+    def inventory_and_boxes(self) -> tuple[Inventory, NDArray[np.float64]]:
+        """The objects' properties and boxes, as planning takes them."""
+        return self.tables.inventory, self.shapes.boxes
 
     @property
     def edges(self) -> NDArray[np.int32]:
@@ -350,12 +348,8 @@ def update_cache(
     if key not in all_tables or not are_identical(all_tables[key].materials, materials):
         all_tables[key] = MaterialTables(shapes, materials, quality, has_environment)
     transforms = _update_transforms(old, matrices)
-    if old is None or shapes is not old.shapes:
-        extents = Extents(shapes.boxes, transforms.world_from_model)
-    else:
-        extents = old.extents.update(old.transforms, transforms)
     cut = getattr(nodes, "cut", None)
-    return SceneCache(shapes, all_tables[key], matrices, transforms, extents, all_tables, cut)
+    return SceneCache(shapes, all_tables[key], matrices, transforms, all_tables, cut)
 
 
 def _update_transforms(

@@ -151,8 +151,7 @@ def find_plane_needs(
     # Test the box around all objects.
     is_open = planes.is_near_open or planes.is_far_open
     uneven = find_uneven_spheres(nodes, boxes.relative_from_model) if is_open else []
-    depths = np.negative(camera.view_matrix()[2]).tolist()
-    if not uneven and boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
+    if not uneven and boxes.are_between(row.tolist(), near if near > 0.0 else -math.inf, far):
         return PlaneNeeds(max_near_steps=max_steps)
     # Test the box of each.
     crosses = boxes.may_cross(*margins.inside)

@@ -12,12 +12,12 @@ from rasterjit.forks import cached_property
 from rasterjit.scene.contours import Contours
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
-from rasterjit.scene.node import Node, check_no_groups, matrices_of, meshes_of
+from rasterjit.scene.node import Node, check_no_groups, meshes_of
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.texture import UV_NAMES, WEIGHTED, AlphaUse, Texture
-from rasterjit.survey.object_transforms import Extents, compute_mesh_boxes
+from rasterjit.survey.object_transforms import compute_mesh_boxes
 from rasterjit.survey.quality_overrides import override_meshes
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
@@ -468,12 +468,11 @@ def _count_noun(count: int, kind: str) -> str:
 
 def take_inventory(
     nodes: Sequence[Node], quality: Quality, has_environment: bool = False
-) -> tuple[Inventory, Extents]:
-    """Take the inventory and the extents of a scene's objects, as the quality overrides them."""
+) -> tuple[Inventory, NDArray[np.float64]]:
+    """Take the inventory of a scene's objects, as the quality overrides them, and their boxes."""
     check_no_groups(nodes)
     meshes = override_meshes(meshes_of(nodes), quality, has_environment)
-    world_from_model = np.array(matrices_of(nodes)).reshape(-1, 4, 4)
-    return Inventory(meshes), Extents(compute_mesh_boxes(meshes), world_from_model)
+    return Inventory(meshes), compute_mesh_boxes(meshes)
 
 
 def check_textures(nodes: Sequence[Node], quality: Quality) -> None:

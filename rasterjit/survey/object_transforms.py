@@ -8,7 +8,6 @@ objects count as in view.
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -17,7 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
+from rasterjit.pipeline.geometry import object_boxes
 from rasterjit.pipeline.geometry.depth_range import RELATIVE_ERROR
+from rasterjit.pipeline.geometry.object_boxes import (
+    CLIP_BOUNDS,
+    CULLING_MARGIN,
+    ENDS,
+    HALF_DEPTHS,
+    HIGH,
+    LOW,
+)
 from rasterjit.pipeline.records import Objects
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera, OrthographicCamera, PerspectiveCamera
@@ -28,10 +36,6 @@ from rasterjit.scene.validation import finite_array
 
 Float64 = NDArray[np.float64]
 
-CULLING_MARGIN = 2.0**-40
-"""Distance beyond a plane required for culling, relative to the terms summed: far above float64's
-rounding error. Snapping moves no vertex over the border of the picture."""
-
 CORNER_ENDS = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)])
 """(8, 3): the end of the box, 0 low or 1 high, at which each corner lies, by axis."""
 
@@ -41,134 +45,10 @@ KNOWN_CAMERAS = frozenset((PerspectiveCamera, OrthographicCamera, MatrixCamera))
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 """Of an affine matrix."""
 
-MAX_SCALAR_OBJECTS = 8
-"""Most objects that are computed one by one in plain Python: NumPy takes longer."""
-
 MAX_AXIS_DIFFERENCE = 2.0**-12
 """Largest difference of an object's axes that counts as uniform scale: of their squared lengths,
 relative to the largest, and of their dot products. Light on normals is then off by 1/16 of an 8-bit
 code."""
-
-
-_TRANSLATION_INVARIANT = (
-    "is_empty", "centers_and_half_axes", "_half_sizes", "centers_and_half_sizes",
-    "coordinate_bounds", "_columns",
-)  # fmt: skip
-"""Cached properties of `Extents` that stay the same where objects are only moved."""
-
-
-class Extents:
-    """
-    World-space extents of a scene's objects, independent of the camera.
-
-    Parameters
-    ----------
-    bounds : (O, 2, 3) float64
-        Low and high corner of each object, model space; NaN for one without a finite face.
-    world_from_model : (O, 4, 4) float64
-        Or to any space that is neither rotated nor scaled against the world; (N, O, 4, 4) where
-        objects move between N views: then all properties have N before the last O.
-    """
-
-    def __init__(self, bounds: Float64, world_from_model: Float64) -> None:
-        self.bounds = bounds
-        self._world_from_model = world_from_model
-
-    def update(self, before: ObjectTransforms, after: ObjectTransforms) -> Extents:
-        """Return the extents after `move_objects`; the same object if none has moved."""
-        if after is before:
-            return self
-        other, known = Extents(self.bounds, after.world_from_model), self.__dict__
-        if after.normal_matrices is before.normal_matrices:
-            # Only moved.
-            other.__dict__.update(
-                {name: known[name] for name in _TRANSLATION_INVARIANT if name in known}
-            )
-        return other
-
-    @cached_property
-    def is_empty(self) -> NDArray[np.bool_]:
-        """Which objects have no finite face, (O,)."""
-        return np.isnan(self.bounds[:, 0, 0])
-
-    @cached_property
-    def centers_and_half_axes(self) -> tuple[Float64, Float64]:
-        """
-        Centres of boxes, and vectors from there to the faces across each axis of the model.
-
-        Returns
-        -------
-        centers : (3, O)
-            World axes, from the object's origin.
-        half_axes : (3, 3, O)
-            World axes (first index) of each axis of the model (second).
-        """
-        low, high = np.ascontiguousarray(self.bounds.transpose(1, 2, 0))
-        with np.errstate(invalid="ignore", over="ignore"):
-            middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
-            x, y, z = self._columns.swapaxes(0, 1)
-            centers = (x * middle[0] + y * middle[1]) + z * middle[2]
-            return centers, self._columns * half.reshape(3, *(1,) * (x.ndim - 2), -1)
-
-    @cached_property
-    def _half_sizes(self) -> Float64:
-        """Half the sizes of boxes along the world's axes around those of objects, (3, O)."""
-        return np.add.reduce(np.abs(self.centers_and_half_axes[1]), axis=1)
-
-    @cached_property
-    def scene_box(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Low and high corner of a box around all, (3,) each, world space, but for rounding."""
-        if len(self.bounds) > MAX_SCALAR_OBJECTS:
-            with np.errstate(invalid="ignore", over="ignore"):
-                centers = self._world_from_model[:, :3, 3].T + self.centers_and_half_axes[0]
-                low = np.fmin.reduce(centers - self._half_sizes, axis=1, initial=math.inf)
-                high = np.fmax.reduce(centers + self._half_sizes, axis=1, initial=-math.inf)
-            return low.tolist(), high.tolist()
-        lows, highs = [(math.inf,) * 3], [(-math.inf,) * 3]
-        origins = self._world_from_model[:, :3, 3].tolist()
-        for (offset, half), origin in zip(self.centers_and_half_sizes, origins, strict=True):
-            # Objects without a finite face have no box.
-            if offset[0] == offset[0]:
-                center = list(map(operator.add, origin, offset))
-                lows.append(tuple(map(operator.sub, center, half)))
-                highs.append(tuple(map(operator.add, center, half)))
-        low_columns, high_columns = zip(*lows, strict=True), zip(*highs, strict=True)
-        return list(map(min, low_columns)), list(map(max, high_columns))
-
-    @cached_property
-    def centers_and_half_sizes(self) -> list[tuple[list[float], list[float]]]:
-        """
-        Centre of each object's box, from the object's origin, and half its size, world axes.
-
-        In plain Python, for few objects.
-        """
-        boxes = []
-        columns = self._world_from_model[:, :3].tolist()
-        for (low, high), rows in zip(self.bounds.tolist(), columns, strict=True):
-            (p, a), (q, b), (r, c) = [
-                (least / 2.0 + most / 2.0, most / 2.0 - least / 2.0)
-                for least, most in zip(low, high, strict=True)
-            ]
-            boxes.append((
-                [(x * p + y * q) + z * r for x, y, z, _ in rows],
-                [abs(x) * a + abs(y) * b + abs(z) * c for x, y, z, _ in rows],
-            ))  # fmt: skip
-        return boxes
-
-    @cached_property
-    def coordinate_bounds(self) -> Float64:
-        """Bound on the terms of each coordinate along the world's axes, from the origin, (3, O)."""
-        low, high = np.ascontiguousarray(self.bounds.transpose(1, 2, 0))
-        with np.errstate(invalid="ignore", over="ignore"):
-            farthest = np.abs(low / 2.0 + high / 2.0) + (high / 2.0 - low / 2.0)
-            x, y, z = np.abs(self._columns).swapaxes(0, 1)
-            return (x * farthest[0] + y * farthest[1]) + z * farthest[2]
-
-    @cached_property
-    def _columns(self) -> Float64:
-        """Entries of the matrices but for the translation, (3, 3, O): row, column, object."""
-        axes = self._world_from_model[..., :3, :3]
-        return np.ascontiguousarray(axes.transpose(-2, -1, *range(axes.ndim - 2)))
 
 
 class BoxMeasures(NamedTuple):
@@ -184,10 +64,13 @@ class BoxMeasures(NamedTuple):
     """Which boxes are all beyond a side of the view, or empty, (O,)."""
     in_view: NDArray[np.bool_]
     """Which boxes may be visible: not all beyond a plane of the view volume, (O,)."""
+    ends: Float64
+    """Low and high corner of a box around all, (6,) or (N, 6), world axes, relative to the eye."""
 
     def select_views(self, views: int | list[int]) -> BoxMeasures:
         """Return the measures of one of N views, or of some."""
-        return BoxMeasures._make(measure[..., views, :] for measure in self)
+        *measures, ends = self
+        return BoxMeasures(*(measure[..., views, :] for measure in measures), ends[views])
 
     def may_cross(self, near: float | Float64, far: float | Float64) -> NDArray[np.bool_]:
         """Tell which objects may cross a plane; arguments as `Boxes.may_cross`, or (N, 1)."""
@@ -203,47 +86,31 @@ class BoxMeasures(NamedTuple):
 
 
 def measure_boxes(
-    extents: Extents, relative_from_model: Float64, clip_from_relative: Float64
+    bounds: Float64, relative_from_model: Float64, clip_from_relative: Float64
 ) -> BoxMeasures:
     """
-    Test the boxes of objects against the planes of a view, or of each of N.
+    Test the boxes of objects against the planes of N views.
 
     Parameters
     ----------
-    extents : Extents
-        Of the objects, in all views or in each.
-    relative_from_model : (O, 4, 4), or (N, O, 4, 4) float64
+    bounds : (O, 2, 3) float64
+        Low and high corner of each object, model space; NaN for one without a finite face.
+    relative_from_model : (N, O, 4, 4) float64
         To world axes with the origin at the eye.
-    clip_from_relative : (4, 4), or (N, 4, 4) float64
+    clip_from_relative : (N, 4, 4) float64
     """
-    (centers, axes), bounds = extents.centers_and_half_axes, extents.coordinate_bounds
-    if relative_from_model.ndim == 3:
-        origins, matrix = relative_from_model[:, :3, 3].T, clip_from_relative[..., np.newaxis]
-    else:
-        # Coordinates first: each entry is an array of all objects in all views.
-        origins = relative_from_model[..., :3, 3].transpose(2, 0, 1)
-        matrix = clip_from_relative.transpose(1, 2, 0)[..., np.newaxis]
-        if centers.ndim == 2:
-            centers, bounds = centers[:, np.newaxis], bounds[:, np.newaxis]
-            axes = np.broadcast_to(axes[:, :, np.newaxis], (3, *origins.shape))
-    with np.errstate(invalid="ignore", over="ignore"):
-        points = np.concatenate((axes, (origins + centers)[:, np.newaxis]), axis=1)
-        # A plane holds inside what has a x + b y + c z + d >= 0: rows w - x, w + x, and so on.
-        w = matrix[3]
-        planes = np.concatenate((w - matrix[:3], w + matrix[:3]))
-        # Measure the corner of each box that lies farthest inside.
-        distances = dot_planes(planes, points)
-        halves = np.abs(distances[:, :3])
-        inside = (distances[:, 3] + planes[:, 3]) + np.add.reduce(halves, axis=1)
-        # Of both rows: kernels compare them, and they may nearly cancel.
-        rows = np.abs(w) + np.abs(matrix[:3])
-        clip_bounds = dot_planes(rows, np.abs(origins) + bounds) + rows[:, 3]
-        # NaN counts as unsure.
-        is_beyond = inside.reshape(2, 3, *inside.shape[1:]) < -CULLING_MARGIN * clip_bounds
-    is_beyond_axis = np.logical_or.reduce(is_beyond, axis=0)
-    is_beside = extents.is_empty | is_beyond_axis[0] | is_beyond_axis[1]
-    in_view = ~(is_beside | is_beyond_axis[2])
-    return BoxMeasures(inside, halves[2::3], clip_bounds, is_beside, in_view)
+    shape = relative_from_model.shape[:2]
+    measures = np.empty((object_boxes.MEASURES, *shape))
+    flags, ends = np.empty((object_boxes.FLAGS, *shape), np.uint8), np.empty((shape[0], ENDS))
+    object_boxes.measure_boxes(
+        bounds, relative_from_model, clip_from_relative, measures, flags, ends,
+        np.empty((3, object_boxes.BOX_COLUMNS)),
+    )  # fmt: skip
+    half_depths = measures[HALF_DEPTHS:CLIP_BOUNDS].reshape(2, 3, *shape)
+    is_beside, in_view = flags.view(np.bool_)
+    return BoxMeasures(
+        measures[:HALF_DEPTHS], half_depths, measures[CLIP_BOUNDS:], is_beside, in_view, ends
+    )
 
 
 class Boxes:
@@ -252,8 +119,8 @@ class Boxes:
 
     Parameters
     ----------
-    extents : Extents
-        Of the objects.
+    bounds : (O, 2, 3) float64
+        Low and high corner of each object, model space; NaN for one without a finite face.
     eye : (3,) float64, world space
     relative_from_model : (O, 4, 4) float64
         To world axes with the origin at the eye.
@@ -270,12 +137,11 @@ class Boxes:
     """
 
     def __init__(
-        self, extents: Extents, eye: Float64, relative_from_model: Float64,
+        self, bounds: Float64, eye: Float64, relative_from_model: Float64,
         clip_from_relative: Float64, measures: BoxMeasures | None = None,
         overhang: tuple[NDArray[np.bool_], float, float] | None = None,
     ) -> None:  # fmt: skip
-        self.eye = eye
-        self._extents, self._bounds = extents, extents.bounds
+        self.eye, self._bounds = eye, bounds
         self.relative_from_model = relative_from_model
         self._clip_from_relative, self._known_measures = clip_from_relative, measures
         self._overhang = overhang
@@ -283,12 +149,9 @@ class Boxes:
     @cached_property
     def in_view(self) -> NDArray[np.bool_]:
         """Which objects may be in view, (O,): those not all beyond a plane."""
-        if self._known_measures is None and self._are_surely_in_view():
-            return np.ones(len(self._bounds), np.bool_)
         if self._overhang is None:
             return self._measures.in_view
-        wide = self.widen_projection(self._clip_from_relative)
-        wide_measures = measure_boxes(self._extents, self.relative_from_model, wide)
+        wide_measures = self._measure(self.widen_projection(self._clip_from_relative))
         return self._measures.in_view | (self._overhang[0] & wide_measures.in_view)
 
     def widen_projection(self, clip_from_relative: Float64) -> Float64:
@@ -299,48 +162,31 @@ class Boxes:
             wide[1] /= 1.0 + self._overhang[2]
         return wide
 
-    def _are_surely_in_view(self) -> bool:
-        """Tell whether all boxes reach inside of every plane; of few, whether their centres do."""
-        if len(self._bounds) > MAX_SCALAR_OBJECTS:
-            matrix, (centers, axes) = self._clip_from_relative, self._extents.centers_and_half_axes
-            planes = np.concatenate((matrix[3] - matrix[:3], matrix[3] + matrix[:3]))
-            # Boxes out of view are outside by a margin, whatever the rounding of products.
-            with np.errstate(invalid="ignore", over="ignore"):
-                centers = self.relative_from_model[:, :3, 3].T + centers
-                inside = planes[:, :3] @ centers + planes[:, 3:]
-                halves = np.abs(planes[:, :3] @ axes.reshape(3, -1)).reshape(6, 3, -1)
-                inside += np.add.reduce(halves, axis=1)
-            # NaN is not inside.
-            return bool(inside.min() >= 0.0)
-        rows = self._clip_from_relative.tolist()
-        origins = self.relative_from_model[:, :3, 3].tolist()
-        for (offset, _), origin in zip(self._extents.centers_and_half_sizes, origins, strict=True):
-            x, y, z = map(operator.add, offset, origin)
-            p, q, r, w = [a * x + b * y + c * z + d for a, b, c, d in rows]
-            # NaN is not inside.
-            if not (-w <= p <= w and -w <= q <= w and -w <= r <= w):
-                return False
-        return True
-
     def estimate_max_w(self) -> float:
         """Return a coarse upper bound of clip-space w, by the scene's box; NaN or inf: unknown."""
-        a, b, c, d = self._clip_from_relative[3].tolist()
-        (left, bottom, back), (right, top, front) = self._extents.scene_box
-        x, y, z = self.eye.tolist()
-        x_term, y_term = abs(a) * max(x - left, right - x), abs(b) * max(y - bottom, top - y)
-        z_term = abs(c) * max(z - back, front - z)
-        return (x_term + y_term + z_term + abs(d)) * (1.0 + CULLING_MARGIN)
+        a, b, c, d = map(abs, self._clip_from_relative[3].tolist())
+        left, bottom, back, right, top, front = self._measures.ends.tolist()
+        x_term, y_term = a * max(-left, right), b * max(-bottom, top)
+        return (x_term + y_term + c * max(-back, front) + d) * (1.0 + CULLING_MARGIN)
 
     def are_between(self, row: Sequence[float], near: float, far: float) -> bool:
-        """Tell whether the box around all surely lies between two planes; see `is_between`."""
-        return is_between(*self._extents.scene_box, row, near, far)
+        """
+        Tell whether the box around all surely lies between two planes; see `is_between`.
+
+        ``row`` takes points relative to the eye.
+        """
+        ends = self._measures.ends.tolist()
+        return is_between(ends[LOW:HIGH], ends[HIGH:], row, near, far)
 
     @cached_property
     def _measures(self) -> BoxMeasures:
         """Distances of the boxes from the planes of the view."""
-        if self._known_measures is not None:
-            return self._known_measures
-        return measure_boxes(self._extents, self.relative_from_model, self._clip_from_relative)
+        return self._known_measures or self._measure(self._clip_from_relative)
+
+    def _measure(self, clip_from_relative: Float64) -> BoxMeasures:
+        """Return the distances of the boxes from the planes of a view, (4, 4)."""
+        matrices = self.relative_from_model[np.newaxis], clip_from_relative[np.newaxis]
+        return measure_boxes(self._bounds, *matrices).select_views(0)
 
     def may_cross(self, near: float, far: float) -> NDArray[np.bool_]:
         """
@@ -460,14 +306,8 @@ def is_between(
 
 
 def dot_planes(planes: Float64, points: Float64) -> Float64:
-    """
-    Return a x + b y + c z of planes (P, 4) for coordinates x, y, z: (P, ...) of (3, ...).
-
-    Planes (P, 4, *L) differ along the last axes of the coordinates, of lengths L or 1.
-    """
-    last = planes.shape[2:]
-    ones = (1,) * (points.ndim - 1 - len(last))
-    a, b, c = planes[:, :3].swapaxes(0, 1).reshape(3, -1, *ones, *last)
+    """Return a x + b y + c z of planes (P, 4) for coordinates x, y, z: (P, ...) of (3, ...)."""
+    a, b, c = planes[:, :3].T.reshape(3, -1, *(1,) * (points.ndim - 1))
     return (a * points[0] + b * points[1]) + c * points[2]
 
 
@@ -533,13 +373,9 @@ class ObjectTransforms(NamedTuple):
 
 def transform_objects(matrices: Sequence[NDArray[np.float64]]) -> ObjectTransforms:
     """Return the world transforms of objects, given ``world_from_model``, (4, 4), of each."""
-    world_from_model = np.concatenate(matrices).reshape(-1, 4, 4)
-    normals = transforms.normal_matrices(world_from_model)
-    # So that normals keep a length near 1 in float32.
-    largest = np.abs(normals).max(axis=(1, 2), keepdims=True)
-    np.divide(normals, largest, out=normals, where=largest > 0.0)
-    mirrored = np.where(determinant_signs(world_from_model[:, :3, :3]) < 0.0, -1.0, 1.0)
-    return ObjectTransforms(world_from_model, normals, mirrored)
+    count = len(matrices)
+    nothing = np.full((count, 4, 4), np.nan), np.empty((count, 3, 3)), np.empty(count)
+    return move_objects(ObjectTransforms(*nothing), matrices, range(count))
 
 
 def move_objects(
@@ -563,27 +399,12 @@ def move_objects(
         world_from_model = old.world_from_model.copy()
         for n in moved:
             world_from_model[n] = matrices[n]
-    is_changed = world_from_model[:, :3, :3] != old.world_from_model[:, :3, :3]
-    if not is_changed.any():
-        # Only moved: signs of zeros do not count.
-        return old._replace(world_from_model=world_from_model)
-    changed = np.flatnonzero(is_changed.any(axis=(1, 2))).tolist()
-    updated = ObjectTransforms(world_from_model, old.normal_matrices.copy(), old.mirrored.copy())
-    if len(changed) > MAX_SCALAR_OBJECTS:
-        computed = transform_objects([matrices[n] for n in changed])
-        updated.normal_matrices[changed], updated.mirrored[changed] = computed[1:]
-        return updated
-    for n in changed:
-        rows = matrices[n].tolist()
-        normals = transforms.normal_rows(rows)
-        largest = max(abs(entry) for row in normals for entry in row)
-        if largest > 0.0:
-            normals = [[entry / largest for entry in row] for row in normals]
-        updated.normal_matrices[n] = normals
-        updated.mirrored[n] = (
-            -1.0 if _determinant_sign([row[:3] for row in rows[:3]]) < 0.0 else 1.0
-        )
-    return updated
+    moved_objects = ObjectTransforms(
+        world_from_model, old.normal_matrices.copy(), old.mirrored.copy()
+    )
+    if object_boxes.transform_normals(world_from_model, *old[:1], *moved_objects[1:]):
+        return moved_objects
+    return old._replace(world_from_model=world_from_model)
 
 
 def determinant_signs(matrices: Float64) -> Float64:

@@ -382,7 +382,6 @@ ALLOWED = {
     ("scene/color.py", "**"): "whole numbers and fractions",
     ("scene/camera_fitting.py", "dot"): "our own, three terms of Python",
     ("survey/clip_planes.py", "dot"): "our own, three terms of Python",
-    ("survey/object_transforms.py", "@"): "rounds within the margin of boxes that are out of view",
     ("scene/vectors.py", "dot"): "our own, three terms of Python",
     ("scene/transforms.py", "dot"): "our own, three terms of Python",
     ("scene/decomposed_transform.py", "dot"): "our own, three terms of Python",

@@ -15,7 +15,6 @@ from rasterjit.survey import facts
 from rasterjit.survey import light_culling as planned_lights
 from rasterjit.survey.object_transforms import (
     Boxes,
-    Extents,
     compute_mesh_boxes,
     transform_boxes,
     transform_objects,
@@ -132,10 +131,7 @@ def random_camera(rng):
 
 def boxes_of(bounds, matrices, camera, size):
     views = transform_to_view(transform_objects(list(matrices)), camera, size)
-    extents = Extents(bounds, np.asarray(matrices))
-    return Boxes(
-        extents, camera.eye_position(), views.relative_from_model, views.clip_from_relative
-    )
+    return Boxes(bounds, camera.eye_position(), views.relative_from_model, views.clip_from_relative)
 
 
 def test_boxes_in_view_are_those_with_a_corner_inside_of_every_plane():
