@@ -98,18 +98,17 @@ def _measure(cut: Scene, areas: Float64, outlines: list[tuple[Float64, ...]]) ->
     """Write the areas and outlines of all objects of a cut scene."""
     nodes = cut.nodes
     assert isinstance(nodes, CutNodes)
+    areas[:] = nodes.cut.areas[:, 0]
     edges, owners = nodes.cut.edges[0].astype(np.int64), nodes.cut.owners.tolist()
     first_vertex = first_face = 0
     for number, (node, owner) in enumerate(zip(nodes, owners, strict=False)):
         points = transform_points(node.world_matrix, node.mesh.vertices)[:, :3]
-        if nodes.cut.face_numbers[first_face] >= nodes.cut.face_starts[-1]:
-            a, b, c = np.moveaxis(points[node.mesh.faces], 1, 0)
-            areas[owner] = 0.5 * math.fsum(_lengths(np.cross(b - a, c - a)))
-        elif len(nodes.cut.sides[0]):
+        is_cap = nodes.cut.face_numbers[first_face] >= nodes.cut.face_starts[-1]
+        if not is_cap and len(nodes.cut.sides[0]):
             own = edges[nodes.cut.sides[0][:, 1] == number] - first_vertex
             outlines[owner] = tuple(read_only(points[line]) for line in _join_edges(own))
-            # A cap, which comes later, replaces it.
-            areas[owner] = np.nan if len(own) else 0.0
+            if len(own) and not areas[owner]:
+                areas[owner] = np.nan
         first_vertex += len(points)
         first_face += len(node.mesh.faces)
 

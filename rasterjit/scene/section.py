@@ -36,8 +36,10 @@ class SectionPlane:
     All outputs tell what is seen through the cut. A cap belongs to its object: ``object_id``,
     ``instance_id`` and ``material_id`` are those of the object, ``face_id`` is the number of all
     faces of the scene, plus ``planes * object_id + plane``; normals are the plane's, and it has no
-    ``barycentric``, ``uv``, scalars or attributes. What is cut away casts no shadow and hides no
-    label; labels that stand in front of a plane are left out. Points are cut by their centres.
+    ``barycentric``, ``uv``, scalars or attributes. Where solids of several objects overlap in a
+    plane, the cap of the smaller area is seen from everywhere, of equal ones that of the later
+    object; a face that lies in the plane hides all caps. What is cut away casts no shadow and hides
+    no label; labels that stand in front of a plane are left out. Points are cut by their centres.
     A node with ``section=False`` is left whole, with all below it and their labels.
     Where lines are cut, strips end, with caps and dashes as strips have them. What is lit at
     vertices (``"gouraud"``) is lit at those of the cut as well.

@@ -17,7 +17,8 @@ not cancel, are outlines; the area that they wind around is filled
 (`pipeline.geometry.cap_triangulation`), and cut by the next planes as faces are. Outlines that
 cross, as those of shells that intersect, are split there, and a triangle without area closes the
 gap that rounding leaves to the edge of the face. So the outlines of closed meshes close. Only where
-thousands of faces intersect may splitting not end: such a cut has no cap, with a warning.
+thousands of faces intersect may splitting not end: such a cut has no cap, with a warning. Where
+caps of several objects overlap, `cap_overlaps` leaves each point to one of them.
 """
 
 from __future__ import annotations
@@ -28,28 +29,27 @@ import operator
 import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.pipeline.geometry.cap_triangulation import fill_outlines, find_contacts
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.node import Node
-from rasterjit.scene.normals import unit_rows
+from rasterjit.scene.normals import compute_area_vectors, dot_rows, unit_rows
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene, with_labels
 from rasterjit.scene.section import SectionPlane, planes_in
 from rasterjit.scene.texture import UVSet
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import read_only
-from rasterjit.scene.vectors import cross
 from rasterjit.scene.warning import REPEATED, warn_caller
 from rasterjit.survey.cache import Shapes, are_identical
+from rasterjit.survey.cap_outlines import OutlineFiller, VertexRecipe, count_net_edges
+from rasterjit.survey.cap_overlaps import Cap, resolve_overlaps
 from rasterjit.survey.object_counts import find_base_color
 from rasterjit.survey.object_transforms import (
     compute_mesh_boxes,
@@ -66,17 +66,8 @@ MAX_PLANE_DISTANCE = 2.0**-46
 SEAM_CELL_SIZE = 2.0**-22
 """Size of the cells in which vertices of open edges are merged, relative to the coordinates."""
 
-GRID_STEPS = 2.0**28
-"""Steps of the grid of outlines, from the centre of a section to its farthest point."""
-
 CAP_SHADE = 0.5
 """Factor on an object's colour for its caps."""
-
-MAX_MERGE_STEPS = 4
-"""Most steps of the grid between a crossing and the end of an edge that it is merged with."""
-
-MAX_SPLITS = 16
-"""Most times that outlines are split where they meet; rounding rarely makes new contacts."""
 
 NO_WEIGHTS = np.zeros((0, 3, 3))
 
@@ -134,6 +125,8 @@ class Cut(NamedTuple):
     vertices: tuple[Int64 | None, ...]
     """Of each object the numbers of its vertices in the original mesh, -1 of new ones; ``None``:
     unchanged."""
+    areas: Float64
+    """(O, P): area of the cap of each original object in each plane, with what others cover."""
 
     def original_numbers(self, face: int, new: int) -> tuple[int, int]:
         """Return the original numbers of a face and its object, given those in the cut scene."""
@@ -194,31 +187,10 @@ class CutParts(NamedTuple):
     """(E, 2) of each plane."""
     sides: tuple[NDArray[np.int32], ...] = ()
     """(E, 2) of each plane: as `Cut.sides`, without the object; empty where there are no edges."""
-
-
-class VertexRecipe(NamedTuple):
-    """Recipe by which a cut mesh's vertices are interpolated from the original's."""
-
-    steps: tuple[tuple[Int64, Int64, Float64], ...]
-    """Of each generation of vertices: start and end of their edges, and the fraction from start."""
-    used: Int64
-    """The vertices that are kept, of the mesh and all generations."""
-
-    def interpolate(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Interpolate values of the original's vertices, (V, ...), to those of the cut mesh."""
-        count, made = len(values), np.empty((0, *values.shape[1:]))
-
-        def of(numbers: Int64) -> NDArray[Any]:
-            found = np.empty((len(numbers), *values.shape[1:]))
-            is_old = numbers < count
-            found[is_old], found[~is_old] = values[numbers[is_old]], made[numbers[~is_old] - count]
-            return found
-
-        for start, end, along in self.steps:
-            share, first = along.reshape(-1, *(1,) * (values.ndim - 1)), of(start)
-            with np.errstate(invalid="ignore", over="ignore"):
-                made = np.concatenate([made, first + share * (of(end) - first)])
-        return of(self.used).astype(values.dtype)
+    cap_areas: tuple[float, ...] = ()
+    """Of each plane; empty without caps."""
+    flat_faces: tuple[NDArray[Any], ...] = ()
+    """(T, 3) of each plane: the remaining faces that lie in it; empty if none does."""
 
 
 _CLOSED_MESHES: weakref.WeakKeyDictionary[Mesh, tuple[bool, Int64]] = weakref.WeakKeyDictionary()
@@ -340,8 +312,10 @@ def _join_parts(
             face_numbers = np.full(len(third), len(nodes) - 1)
             sides[plane].append(np.stack([vertex, face_numbers, winding], axis=1).astype(np.int32))
         vertices += len(parts.node.mesh.vertices)
-    for owner, parts in enumerate(objects):
-        for plane, node in enumerate(parts.caps):
+    areas = np.array([parts.cap_areas or (0.0,) * len(planes) for parts in objects])
+    caps = _separate_caps(objects, planes, areas)
+    for owner in range(len(objects)):
+        for plane, node in enumerate(caps[owner]):
             if node is not None:
                 number = starts[-1] + len(planes) * owner + plane
                 count = len(node.mesh.faces)
@@ -380,8 +354,58 @@ def _join_parts(
             _original_vertices(node.mesh, scene.nodes[owner].mesh)
             for node, owner in zip(nodes, owners, strict=True)
         ),
+        areas.reshape(-1, len(planes)),
     )
     return nodes
+
+
+def _separate_caps(
+    objects: Sequence[CutParts], planes: Sequence[SectionPlane], areas: Float64
+) -> list[list[Node | None]]:
+    """Return the caps of all objects, without what others in the same plane cover."""
+    caps = [list(parts.caps) for parts in objects]
+    for plane in range(len(planes)):
+        owners = [owner for owner, row in enumerate(caps) if row and row[plane] is not None]
+        nodes: list[Any] = [caps[owner][plane] for owner in owners]
+        known = [
+            _as_cap(node, node.mesh.faces, float(areas[owner, plane]))
+            for owner, node in zip(owners, nodes, strict=True)
+        ]
+        # Faces that lie in the plane hide all caps.
+        flat = [
+            _as_cap(parts.node, parts.flat_faces[plane], 0.0)
+            for parts in objects
+            if parts.node is not None and parts.flat_faces and len(parts.flat_faces[plane])
+        ]
+        if not known or len(known) + len(flat) < 2:
+            continue
+        found = resolve_overlaps(planes[plane], known + flat)
+        for owner, node, before, now in zip(owners, nodes, known, found, strict=False):
+            if isinstance(now, str):
+                warn_caller(
+                    f"the cap of {node.name!r} stays where others cover it: {now}", kind=REPEATED
+                )
+            elif now is None:
+                caps[owner][plane] = None
+            elif now is not before:
+                faces = _face_cut_side(node, planes[plane], now.world, now.faces)
+                caps[owner][plane] = _make_cap_node(
+                    node, planes[plane], node.mesh._whole, faces, now.recipe, node.mesh.material
+                )
+    return caps
+
+
+def _as_cap(node: Node, faces: NDArray[Any], area: float) -> Cap:
+    """Return a node's faces in a plane as a cap of some area, to be compared with others'."""
+    mesh: Any = node.mesh
+    used, corners = np.unique(faces, return_inverse=True)
+    world = transform_points(node.world_from_model, mesh.vertices[used])[:, :3]
+    whole, recipe = getattr(mesh, "_whole", mesh), getattr(mesh, "_recipe", None)
+    numbers = used if recipe is None else recipe.used[used]
+    return Cap(
+        world, corners.reshape(-1, 3).astype(np.int64),
+        VertexRecipe(() if recipe is None else recipe.steps, numbers), len(whole.vertices), area,
+    )  # fmt: skip
 
 
 def _label_position(node: Node) -> Float64:
@@ -447,15 +471,17 @@ def _cut_object(node: Node, planes: Sequence[SectionPlane], is_cut: bool) -> Cut
     empty = (np.zeros((0, 2), np.int32),) * len(planes)
     corners = transform_boxes(compute_mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
     corner_distances = _signed_distances(corners, planes)
-    if not is_cut or (corner_distances <= 0.0).all():
-        return CutParts(node, (), None, None, NO_WEIGHTS, empty)
+    whole = CutParts(node, (), None, None, NO_WEIGHTS, empty)
+    is_behind = (corner_distances <= 0.0).all()
+    if not is_cut or (is_behind and (corner_distances != 0.0).all()):
+        return whole
     if (corner_distances > 0.0).all(axis=0).any():
         return CutParts(None, (), None, None, NO_WEIGHTS, empty)
     world = transform_points(node.world_from_model, mesh.vertices)[:, :3]
     distances = _signed_distances(world, planes)
     used = distances[mesh.used_vertices()]
     if not (used > 0.0).any():
-        return CutParts(node, (), None, None, NO_WEIGHTS, empty)
+        return whole._replace(flat_faces=_find_flat_faces(mesh, mesh.faces, distances))
     if len(used) and (used.min(axis=0) > 0.0).any():
         return CutParts(None, (), None, None, NO_WEIGHTS, empty)
     if isinstance(mesh, Points):
@@ -463,6 +489,21 @@ def _cut_object(node: Node, planes: Sequence[SectionPlane], is_cut: bool) -> Cut
     if isinstance(mesh, Lines):
         return _cut_lines(node, mesh, distances, empty)
     return _Cutter(node, world, distances, planes).cut_all()
+
+
+def _find_flat_faces(
+    mesh: Mesh, faces: NDArray[Any], distances: Float64, numbers: NDArray[Any] | None = None
+) -> tuple[NDArray[Any], ...]:
+    """Return the faces that lie in each plane, their vertices renumbered; empty if none does."""
+    if mesh.primitive != "triangles":
+        return ()
+    is_flat = (distances == 0.0)[faces].all(axis=1)
+    if not is_flat.any():
+        return ()
+    return tuple(
+        found if numbers is None else numbers[found]
+        for found in (faces[rows].astype(np.int64) for rows in is_flat.T)
+    )
 
 
 def _cut_points(node: Node, mesh: Points, distances: Float64, empty: Any) -> CutParts:
@@ -594,7 +635,7 @@ def _weld_and_check_closed(mesh: Mesh) -> tuple[bool, Int64]:
 def _find_open_edges(corners: Int64) -> tuple[Int64, Int64]:
     """Return start and end of the edges of faces, (F, 3), whose directions do not cancel."""
     heads = np.roll(corners, -1, axis=1).ravel()
-    return _count_net_edges(corners.ravel(), heads, np.int64(1))[:2]
+    return count_net_edges(corners.ravel(), heads, np.int64(1))[:2]
 
 
 def _explain_open(mesh: Mesh) -> str:
@@ -628,18 +669,6 @@ def _weld_seams(points: Float64, position_ids: Int64, loose_vertices: Int64) -> 
         np.minimum.at(target, source, lowest[groups.ravel()])
         merged = target[merged]
     return merged[position_ids]
-
-
-def _count_net_edges(tails: Int64, heads: Int64, weights: Any) -> tuple[Int64, Int64, Int64]:
-    """Return edges from lower to higher numbers with their net counts, where not 0."""
-    weights = np.where(tails < heads, weights, -weights)
-    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
-    count = np.int64(high.max(initial=0)) + 1
-    keys, inverse = np.unique(low * count + high, return_inverse=True)
-    sums = np.zeros(len(keys), np.int64)
-    np.add.at(sums, inverse.ravel(), weights)
-    kept = (sums != 0) & (keys // count != keys % count)
-    return keys[kept] // count, keys[kept] % count, sums[kept]
 
 
 class _Cutter:
@@ -691,6 +720,7 @@ class _Cutter:
         is_face = self.numbers >= 0
         faces = np.concatenate([self.mesh.faces[self.whole], self.corners[is_face]])
         numbers = np.concatenate([self.whole, self.numbers[is_face]])
+        renumbered: Any = np.zeros(0, np.int32)
         node, recipe, edges = None, None, [np.zeros((0, 2), np.int32)] * len(self.planes)
         sides: list[NDArray[np.int32]] = []
         if len(faces):
@@ -713,9 +743,12 @@ class _Cutter:
         elif not len(self.corners):
             return CutParts(None, (), None, None, NO_WEIGHTS, tuple(edges))
         caps = tuple(self._make_cap(number) for number in range(len(self.planes)))
+        areas = tuple(map(_measure_cap, caps))
+        flat_faces = _find_flat_faces(self.mesh, faces, self.distances, renumbered)
         return CutParts(
-            node, caps, recipe, numbers, self.weights[is_face], tuple(edges), tuple(sides)
-        )
+            node, caps, recipe, numbers, self.weights[is_face], tuple(edges), tuple(sides), areas,
+            flat_faces,
+        )  # fmt: skip
 
     def _renumber(self, faces: Sequence[NDArray[Any]]) -> tuple[Int64, NDArray[np.int32]]:
         """Return the vertices of faces or lines, and the new number of each vertex."""
@@ -836,7 +869,7 @@ class _Cutter:
             np.stack([start[is_new], end[is_new]], axis=1), axis=0, return_inverse=True
         )
         count = len(self.distances)
-        self._add_vertices(plane, keys[:, 0], keys[:, 1])
+        self.add_vertices(plane, keys[:, 0], keys[:, 1])
         result = start.copy()
         result[is_new] = count + inverse.ravel()
         fractions = np.zeros(is_new.shape)
@@ -844,7 +877,7 @@ class _Cutter:
         low, high = (weights[parents[:, np.newaxis], spans[..., k]] for k in range(2))
         return result, parents, low + fractions[..., np.newaxis] * (high - low)
 
-    def _add_vertices(
+    def add_vertices(
         self, plane: int, start: Int64, end: Int64, along: Float64 | None = None
     ) -> None:
         """Add vertices in a plane, interpolated between others."""
@@ -902,7 +935,7 @@ class _Cutter:
         ends, first = np.unique(self.position_ids[vertices], return_index=True)
         vertices = vertices[first]
         tails, heads = (np.searchsorted(ends, self.position_ids[end]) for end in (tails, heads))
-        low, high, sums = _count_net_edges(tails, heads, counts)
+        low, high, sums = count_net_edges(tails, heads, counts)
         return vertices[low], vertices[high], sums
 
     def _find_outline(self, plane: int) -> Int64:
@@ -950,7 +983,7 @@ class _Cutter:
 
     def _add_caps(self, plane: int, tails: Int64, heads: Int64, sums: Int64) -> None:
         """Fill the outlines in a plane with caps."""
-        outlines = _Outlines(self, plane)
+        outlines = OutlineFiller(self, plane)
         triangles = outlines.fill(tails, heads, sums)
         if triangles is None:
             warn_caller(
@@ -970,28 +1003,49 @@ class _Cutter:
         corners = self.corners[self.numbers == -1 - plane]
         if not len(corners) or not self.planes[plane].cap:
             return None
-        a, b, c = np.moveaxis(self.world[corners], 1, 0)
-        normal = np.broadcast_to(np.array(self.planes[plane].normal), a.shape)
-        mirror_sign = float(transform_objects([self.node.world_from_model]).mirrored[0])
-        if mirror_sign * math.fsum(_triple_products(normal, b - a, c - a)) < 0.0:
-            # Caps face the removed side, whatever the winding of the mesh.
-            corners = corners[:, ::-1]
+        corners = _face_cut_side(self.node, self.planes[plane], self.world, corners)
         used, renumbered = self._renumber([corners])
         recipe = VertexRecipe(tuple(self.steps), used)
-        result: Any = CutMesh.__new__(CutMesh)
-        mesh = Mesh(
-            recipe.interpolate(self.mesh.vertices), renumbered[corners],
-            material=_make_cap_material(self.mesh, self.planes[plane]), on_invalid="drop",
-        )  # fmt: skip
-        result.__dict__.update(mesh.__dict__)
-        result._whole, result._recipe = self.mesh, recipe
-        # The inverse transpose takes it to world space.
-        x, y, z = self.planes[plane].normal
-        rows = self.node.world_from_model[:3, :3]
-        model = (x * rows[0] + y * rows[1]) + z * rows[2]
-        normals = np.tile(unit_rows(model[np.newaxis]), (len(used), 1))
-        result._normals = result._vertex_normals = read_only(normals)
-        return self.node._with_mesh(result)
+        material = _make_cap_material(self.mesh, self.planes[plane])
+        return _make_cap_node(
+            self.node, self.planes[plane], self.mesh, renumbered[corners], recipe, material
+        )
+
+
+def _face_cut_side(node: Node, plane: SectionPlane, world: Float64, corners: Int64) -> NDArray[Any]:
+    """Return triangles of a cap that face the removed side, whatever the winding of the mesh."""
+    a, b, c = np.moveaxis(world[corners], 1, 0)
+    normal = np.broadcast_to(np.array(plane.normal), a.shape)
+    mirror_sign = float(transform_objects([node.world_from_model]).mirrored[0])
+    is_behind = mirror_sign * math.fsum(_triple_products(normal, b - a, c - a)) < 0.0
+    return corners[:, ::-1] if is_behind else corners
+
+
+def _make_cap_node(
+    node: Node, plane: SectionPlane, whole: Mesh, faces: NDArray[Any], recipe: VertexRecipe,
+    material: Material,
+) -> Node:  # fmt: skip
+    """Return a cap of a mesh, its faces given, as a node."""
+    result: Any = CutMesh.__new__(CutMesh)
+    mesh = Mesh(recipe.interpolate(whole.vertices), faces, material=material, on_invalid="drop")
+    result.__dict__.update(mesh.__dict__)
+    result._whole, result._recipe = whole, recipe
+    # The inverse transpose takes it to world space.
+    x, y, z = plane.normal
+    rows = node.world_from_model[:3, :3]
+    model = (x * rows[0] + y * rows[1]) + z * rows[2]
+    normals = np.tile(unit_rows(model[np.newaxis]), (len(recipe.used), 1))
+    result._normals = result._vertex_normals = read_only(normals)
+    return node._with_mesh(result)
+
+
+def _measure_cap(cap: Node | None) -> float:
+    """Return the area of a cap, world space; 0 without one."""
+    if cap is None:
+        return 0.0
+    points = transform_points(cap.world_from_model, cap.mesh.vertices)[:, :3]
+    vectors = compute_area_vectors(points, cap.mesh.faces, 1.0)
+    return 0.5 * math.fsum(np.sqrt(dot_rows(vectors, vectors)).tolist())
 
 
 def _triple_products(a: Float64, b: Float64, c: Float64) -> Float64:
@@ -1020,159 +1074,3 @@ def _make_cap_material(mesh: Mesh, plane: SectionPlane) -> Material:
         shininess=material.shininess, metallic=material.metallic, roughness=material.roughness,
         double_sided=material.double_sided, alpha_mode="blend" if color[3] < 1.0 else "opaque",
     )  # fmt: skip
-
-
-class _Outlines:
-    """
-    Filler of outlines in a plane.
-
-    Parameters
-    ----------
-    cutter : _Cutter
-        Vertices are added to it where outlines cross.
-    plane : int
-    """
-
-    def __init__(self, cutter: _Cutter, plane: int) -> None:
-        self.cutter, self.plane = cutter, plane
-        self.slivers: list[tuple[int, int, int, int]] = []
-
-    def fill(self, tails: Int64, heads: Int64, sums: Int64) -> Int64 | None:
-        """Return triangles of vertices with multiplicities, (T, 4); None if not closed."""
-        vertices, inverse = np.unique(np.concatenate([tails, heads]), return_inverse=True)
-        grid = self._snap(vertices)
-        low, high = inverse.ravel().reshape(2, -1)
-        for _ in range(MAX_SPLITS):
-            grid, vertices, low, high, sums = self._sort_points(grid, vertices, low, high, sums)
-            edges = np.ascontiguousarray(np.stack([low, high, sums], axis=1))
-            contacts = _find_edge_contacts(grid, edges)
-            if not len(contacts):
-                break
-            grid, vertices, low, high, sums = self._split(contacts, grid, vertices, edges)
-        triangles = _triangulate(grid, edges)
-        if triangles is None:
-            return None
-        triangles[:, :3] = vertices[triangles[:, :3]]
-        return np.concatenate([triangles, np.array(self.slivers, np.int64).reshape(-1, 4)])
-
-    def _snap(self, vertices: Int64) -> Int64:
-        """Snap vertices to the grid, (N, 2)."""
-        x, y, z = self.cutter.planes[self.plane].normal
-        # The coordinate axis farthest from the normal gives the first axis of the plane.
-        axis_number = min(range(3), key=lambda k: abs((x, y, z)[k]))
-        axis = tuple(float(k == axis_number) for k in range(3))
-        across = cross(axis, (x, y, z))
-        up = cross((x, y, z), across)
-        points = self.cutter.world[vertices]
-        points = points - (points.min(axis=0) / 2.0 + points.max(axis=0) / 2.0)
-        flat = np.stack(
-            [(a * points[:, 0] + b * points[:, 1]) + c * points[:, 2] for a, b, c in (across, up)],
-            axis=1,
-        )
-        size = float(np.abs(flat).max(initial=0.0)) or 1.0
-        return np.rint(flat / size * GRID_STEPS).astype(np.int64)
-
-    def _sort_points(
-        self, grid: Int64, vertices: Int64, low: Int64, high: Int64, sums: Int64
-    ) -> tuple[Int64, ...]:
-        """Sort points by height, merging equal ones, and edges upward, by their start."""
-        order = np.lexsort(grid.T)
-        is_new = np.append(True, (grid[order][1:] != grid[order][:-1]).any(axis=1))
-        numbers = np.empty(len(grid), np.int64)
-        numbers[order] = np.cumsum(is_new) - 1
-        chosen = order[is_new]
-        # Points at one grid position are one vertex for later planes, too.
-        position_ids, cutter = self.cutter.position_ids, self.cutter
-        merged = np.arange(position_ids.max(initial=0) + 1)
-        merged[position_ids[vertices]] = position_ids[vertices[chosen][numbers]]
-        cutter.position_ids = merged[position_ids]
-        low, high, sums = _count_net_edges(numbers[low], numbers[high], sums)
-        return grid[chosen], vertices[chosen], low, high, sums
-
-    def _split(
-        self, contacts: Int64, grid: Int64, vertices: Int64, edges: Int64
-    ) -> tuple[Int64, ...]:
-        """Split edges at their contacts; return points and edges."""
-        number_by_position = {
-            place: number for number, place in enumerate(map(tuple, grid.tolist()))
-        }
-        points, inside = grid.tolist(), {}
-        crossings: list[tuple[int, int, float]] = []
-        for edge, other, kind in contacts.tolist():
-            if kind < 0:
-                inside.setdefault(edge, set()).add(other)
-                continue
-            a, b = edges[edge, :2].tolist()
-            c, d = edges[other, :2].tolist()
-            start_area, end_area = (_double_signed_area(points, c, d, end) for end in (a, b))
-            fraction = start_area / (start_area - end_area)
-            x, y = (
-                round(points[a][k] + fraction * (points[b][k] - points[a][k])) for k in range(2)
-            )
-            # Merge with near ends, or rounding would make new contacts endlessly.
-            near_ends = (
-                end
-                for end in (a, b, c, d)
-                if max(abs(points[end][0] - x), abs(points[end][1] - y)) <= MAX_MERGE_STEPS
-            )
-            number = next(near_ends, number_by_position.get((x, y), -1))
-            if number < 0:
-                number = number_by_position[x, y] = len(points)
-                points.append([x, y])
-                crossings.append((a, b, fraction))
-            for one in (edge, other):
-                if number not in edges[one, :2]:
-                    inside.setdefault(one, set()).add(number)
-        if crossings:
-            first = len(self.cutter.distances)
-            starts, ends, along = (np.array(part) for part in zip(*crossings, strict=True))
-            self.cutter._add_vertices(
-                self.plane, vertices[starts], vertices[ends], along.astype(np.float64)
-            )
-            vertices = np.append(vertices, np.arange(first, first + len(crossings)))
-        rows = [row for n, row in enumerate(edges.tolist()) if n not in inside]
-        for edge, points_inside in inside.items():
-            a, b, count = edges[edge].tolist()
-            along = {n: _edge_sort_key(points, a, b, n) for n in points_inside}
-            chain = [a, *sorted(points_inside, key=along.__getitem__), b]
-            rows += [(one, other, count) for one, other in pairwise(chain)]
-            for one, other in pairwise(chain[1:]):
-                triple = (a, other, one) if count > 0 else (a, one, other)
-                vertex_ids = (int(vertices[n]) for n in triple)
-                self.slivers.append((*vertex_ids, abs(count)))
-        low, high, sums = np.array(rows, np.int64).reshape(-1, 3).T
-        return np.array(points, np.int64), vertices, low, high, sums
-
-
-def _double_signed_area(points: Sequence[Sequence[int]], a: int, b: int, c: int) -> int:
-    """Return twice the area of a triangle, positive if counter-clockwise."""
-    (x, y), (x_b, y_b), (x_c, y_c) = points[a], points[b], points[c]
-    return (x_b - x) * (y_c - y) - (y_b - y) * (x_c - x)
-
-
-def _edge_sort_key(points: Sequence[Sequence[int]], a: int, b: int, n: int) -> int:
-    """Return a sort key that grows along an edge from a to b."""
-    (x, y), (x_b, y_b), (x_n, y_n) = points[a], points[b], points[n]
-    return (x_b - x) * (x_n - x) + (y_b - y) * (y_n - y)
-
-
-def _find_edge_contacts(grid: Int64, edges: Int64) -> Int64:
-    """Return the contacts of edges other than at their ends, (C, 3)."""
-    capacity = 64
-    while True:
-        contacts = np.empty((capacity, 3), np.int64)
-        count = find_contacts(grid, edges, np.empty(len(edges), np.int64), contacts)
-        if count <= capacity:
-            return contacts[:count]
-        capacity = count
-
-
-def _triangulate(grid: Int64, edges: Int64) -> Int64 | None:
-    """Triangulate the area that edges enclose, (T, 4); None if they are not closed."""
-    capacity = len(edges) + 4 * len(grid)
-    triangles = np.empty((capacity, 4), np.int64)
-    count = fill_outlines(
-        grid, edges, np.empty(len(edges), np.int64), np.empty((4, len(edges)), np.int64),
-        np.empty((3, capacity), np.int64), np.empty(2, np.int64), triangles,
-    )  # fmt: skip
-    return None if count < 0 else triangles[:count]

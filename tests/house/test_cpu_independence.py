@@ -339,6 +339,8 @@ ALLOWED = {
     ("outputs/frame.py", "sum"): "seconds, for a text",
     ("outputs/contact_sheet.py", "sum"): "whole numbers: codes of a colour",
     ("survey/cross_sections.py", "fsum"): "rounded once, in whatever order",
+    ("survey/cap_overlaps.py", "fsum"): "rounded once, in whatever order",
+    ("survey/cap_overlaps.py", "sum"): "whole numbers: counts of vertices",
     ("inspect/cross_section.py", "fsum"): "rounded once, in whatever order",
     ("scene/mip_levels.py", "sum"): "whole numbers: counts of texels",
     ("scene/points.py", "sum"): "whole numbers: counts for a message",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.survey import cross_sections
+from rasterjit.survey import cap_outlines, cross_sections
 
 
 def filled(points, tails, heads):
@@ -16,7 +16,7 @@ def filled(points, tails, heads):
     cutter.world = np.column_stack([points, np.zeros(len(points))])
     cutter.distances, cutter.position_ids = np.zeros((len(points), 1)), np.arange(len(points))
     cutter.steps = []
-    found = cross_sections._Outlines(cutter, 0).fill(tails, heads, np.ones(len(tails), np.int64))
+    found = cap_outlines.OutlineFiller(cutter, 0).fill(tails, heads, np.ones(len(tails), np.int64))
     return cutter.world[found[:, :3], :2], found[:, 3]
 
 
@@ -76,6 +76,6 @@ def test_outlines_that_do_not_close_are_not_filled():
     cutter.planes = (rj.SectionPlane((0, 0, 0), (0, 0, 1)),)
     cutter.world = np.column_stack([points, np.zeros(4)])
     cutter.distances, cutter.position_ids, cutter.steps = np.zeros((4, 1)), np.arange(4), []
-    outlines = cross_sections._Outlines(cutter, 0)
+    outlines = cap_outlines.OutlineFiller(cutter, 0)
     ends = np.array([0, 1, 2]), np.array([1, 2, 3])
     assert outlines.fill(*ends, np.ones(3, np.int64)) is None
