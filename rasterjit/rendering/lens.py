@@ -25,12 +25,12 @@ from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import planning, view_warnings
 from rasterjit.rendering.lens_views import (
     NOWHERE,
-    LensSight,
+    LensIntrinsics,
     LensViews,
     PinholePicture,
     find_lens_views,
+    make_lens_intrinsics,
     make_picture_camera,
-    make_sight,
     world_axes,
 )
 from rasterjit.rendering.planning import FrameRequest, PlannedFrame
@@ -70,14 +70,14 @@ class LensPlan(NamedTuple):
     size: tuple[int, int]
     outputs: tuple[str, ...]
     lens_views: LensViews
-    sight: LensSight
+    intrinsics: LensIntrinsics
     pictures: tuple[PlannedFrame, ...]
     backdrop: Backdrop
     """The given background, or black: shown beyond the lens's field of view; an image also where no
     face is."""
     plan: RenderPlan
     """The plan of the first picture, with the size and the camera of the frame."""
-    previous: tuple[Scene, Camera, LensSight] | None
+    previous: tuple[Scene, Camera, LensIntrinsics] | None
     """The previous view, for motion."""
 
 
@@ -105,16 +105,16 @@ def plan_with_lens(
     lens, size = check_lens("lens", lens), request.size
     camera = planning.choose_camera(scene, camera, size)
     _check_supported(outputs, diagnose)
-    sight = make_sight(lens, camera, size)
+    intrinsics = make_lens_intrinsics(lens, camera, size)
     if (
         last is not None
         and (last.lens, last.size) == (lens, size)
-        and last.sight.has_same_projection(sight)
+        and last.intrinsics.has_same_projection(intrinsics)
     ):
         lens_views = last.lens_views
     else:
-        lens_views = find_lens_views(lens, size, sight, workers)
-    if "depth" in outputs and lens_views.least_cosine <= 0.0:
+        lens_views = find_lens_views(lens, size, intrinsics, workers)
+    if "depth" in outputs and lens_views.min_cosine <= 0.0:
         raise ValueError(
             "outputs has 'depth', which is along the viewing axis and above 0 less than 90 degrees "
             "from it alone, and lens sees more: ask for 'distance', which is along the ray"
@@ -135,14 +135,14 @@ def plan_with_lens(
                 picture.size,
                 quality,
                 None,
-                make_picture_camera(picture, camera, size, sight),
+                make_picture_camera(picture, camera, size, intrinsics),
             )
             for picture in lens_views.pictures
         ]
         camera = move_planes(camera, *merge_needs(seen).steps)
     frames = []
     for picture in lens_views.pictures:
-        picture_camera = make_picture_camera(picture, camera, size, sight)
+        picture_camera = make_picture_camera(picture, camera, size, intrinsics)
         picture_request = request._replace(size=picture.size, outputs=drawn, background=background)
         picture_request = picture_request._replace(diagnose=False, previous=None)
         frames.append(planning.plan_frame(picture_request, scene, picture_camera, cache))
@@ -156,7 +156,7 @@ def plan_with_lens(
         for frame in frames
     ]
     text = f"{type(lens).__name__}: {lens_views.description}"
-    pixels, eye = _pixels_of(lens, sight, camera, size), camera.eye_position()
+    pixels, eye = _pixels_of(lens, intrinsics, camera, size), camera.eye_position()
     effects = tuple(
         replace(planned, data=planned.effect.distort(planned.data, eye, pixels))
         if isinstance(planned, UsedEffect) and isinstance(planned.effect, LensEffect)
@@ -167,50 +167,50 @@ def plan_with_lens(
         outputs=outputs, size=size, camera=camera, lens=text, effects=effects
     )
     previous_view = planning.resolve_previous_view(previous, plan, scene, given_camera)
-    previous_with_sight = None
+    previous_with_intrinsics = None
     if previous_view is not None:
         with planning.naming("previous.camera"):
             previous_scene = planning.cut_previous_scene(
                 previous_view[0], planning.cut_by_section(scene)
             )
-            previous_sight = make_sight(lens, previous_view[1], size)
-        previous_with_sight = previous_scene, previous_view[1], previous_sight
+            previous_intrinsics = make_lens_intrinsics(lens, previous_view[1], size)
+        previous_with_intrinsics = previous_scene, previous_view[1], previous_intrinsics
     return LensPlan(
         lens,
         camera,
         size,
         outputs,
         lens_views,
-        sight,
+        intrinsics,
         tuple(pictures),
         backdrop,
         plan,
-        previous_with_sight,
+        previous_with_intrinsics,
     )
 
 
 def through_lens(planned: LensPlan) -> LensProjection:
     """Return the projection of a frame's lens, for `CameraView`."""
-    lens, sight = planned.lens, planned.sight
+    lens, intrinsics = planned.lens, planned.intrinsics
     axes = world_axes(planned.camera, planned.size)
 
     def directions(columns: Float64, rows: Float64) -> Float64:
-        return _combine_axes(lens.unproject(sight.places(columns, rows)), axes)
+        return _combine_axes(lens.unproject(intrinsics.to_lens_coordinates(columns, rows)), axes)
 
     plans = (picture.plan for picture in planned.pictures)
     clips = tuple(clip_from_relative(plan.camera, plan.size) for plan in plans)
-    pixels = _pixels_of(lens, sight, planned.camera, planned.size)
+    pixels = _pixels_of(lens, intrinsics, planned.camera, planned.size)
     return LensProjection(pixels, directions, clips)
 
 
 def _pixels_of(
-    lens: Lens, sight: LensSight, camera: Camera, size: tuple[int, int]
+    lens: Lens, intrinsics: LensIntrinsics, camera: Camera, size: tuple[int, int]
 ) -> Callable[[Float64], Float64]:
     """Return a function from points relative to the eye, (N, 3), to pixels, (N, 2)."""
     axes = world_axes(camera, size)
 
     def pixels(points: Float64) -> Float64:
-        return sight.pixels(lens.project(_combine_axes(points, axes.T)))
+        return intrinsics.to_pixels(lens.project(_combine_axes(points, axes.T)))
 
     return pixels
 
@@ -275,8 +275,8 @@ class Comparison(NamedTuple):
     """Inputs for motion between a frame and its previous view."""
 
     lens: Lens
-    sight: LensSight
-    previous_sight: LensSight
+    intrinsics: LensIntrinsics
+    previous_intrinsics: LensIntrinsics
     previous: Moment
     object_to_lens: tuple[NDArray[np.float64], NDArray[np.float64]]
     """(O, 3, 4) each: from model space to the axes of the lens, current and previous."""
@@ -295,8 +295,8 @@ class Comparison(NamedTuple):
 
     def motion(self, now: NDArray[np.float32], before: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the motion of points, (H, W, 3), across the picture, (H, W, 2), pixels."""
-        moved = self.sight.pixels(self.lens.project(now.astype(np.float64)))
-        moved -= self.previous_sight.pixels(self.lens.project(before.astype(np.float64)))
+        moved = self.intrinsics.to_pixels(self.lens.project(now.astype(np.float64)))
+        moved -= self.previous_intrinsics.to_pixels(self.lens.project(before.astype(np.float64)))
         if isinstance(self.lens, Equirectangular):
             # The shorter way around.
             width = len(now[0])
@@ -351,28 +351,29 @@ def _resample(
     mixed = set(MIXED_OUTPUTS).intersection(arrays)
     sources = {name: _to_premultiplied(name, arrays[name]) for name in mixed}
     nearest = {name: array for name, array in arrays.items() if name not in sources}
-    shape = lens_views.number.shape
+    shape = lens_views.picture_number.shape
     for name, array in (sources | nearest).items():
         if name not in targets:
             empty = 0.0 if name in sources else _empty_value(name)
             targets[name] = np.full((*shape, *array.shape[2:]), empty, array.dtype)
     (width, height), (origin_x, origin_y) = picture.size, picture.origin
+    picture_numbers = lens_views.picture_number
     window = picture.number, picture.density, origin_x, origin_y
 
     def resample_rows(first: int, last: int) -> None:
         for name, source in sources.items():
             resampling.filter_rows(
-                source, lens_views.number, lens_views.place, lens_views.spread, window,
+                source, picture_numbers, lens_views.position, lens_views.footprint, window,
                 (first, last), targets[name],
             )  # fmt: skip
-        is_here = lens_views.number[first:last] == picture.number
-        x, y = (lens_views.place[first:last][is_here].astype(np.float64) * picture.density).T
+        is_here = picture_numbers[first:last] == picture.number
+        x, y = (lens_views.position[first:last][is_here].astype(np.float64) * picture.density).T
         column = np.clip(np.floor(x + origin_x), 0, width - 1).astype(np.int64)
         row = np.clip(np.floor(y + origin_y), 0, height - 1).astype(np.int64)
         for taken, array in nearest.items():
             targets[taken][first:last][is_here] = array[row, column]
 
-    workers.run(resample_rows, split_into_bands(lens_views.number.shape, workers))
+    workers.run(resample_rows, split_into_bands(picture_numbers.shape, workers))
 
 
 def _empty_value(name: str) -> float:
@@ -410,7 +411,7 @@ def _finish_output(
         return target
     if target.shape[2] == 1:
         return target[..., 0]
-    alpha, is_nowhere = target[..., 3:], lens_views.number == NOWHERE
+    alpha, is_nowhere = target[..., 3:], lens_views.picture_number == NOWHERE
     if isinstance(backdrop, BackgroundImage):
         image: NDArray[Any] = backdrop.image
         given = image if image.dtype == np.float32 else _decode(image)
@@ -435,7 +436,7 @@ def _make_comparison(planned: LensPlan) -> Comparison | None:
     """Return the inputs for motion from the previous view; ``None`` without one."""
     if planned.previous is None:
         return None
-    scene, camera, previous_sight = planned.previous
+    scene, camera, previous_intrinsics = planned.previous
     cache, size = planned.pictures[0].cache, planned.size
     quality = planned.plan.quality
     old = update_cache(scene.nodes, cache, quality, scene.environment is not None)
@@ -443,7 +444,7 @@ def _make_comparison(planned: LensPlan) -> Comparison | None:
     old_views = object_transforms.transform_to_view(old.transforms, camera, size)
     positions, faces = old.shapes.arrays.positions, old.shapes.rotate_like(cache.shapes)
     return Comparison(
-        planned.lens, planned.sight, previous_sight,
+        planned.lens, planned.intrinsics, previous_intrinsics,
         Moment(positions, faces, np.empty((0, 5, 4))),
         (
             _rotate_to_lens_axes(views, planned.camera, size),

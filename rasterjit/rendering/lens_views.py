@@ -62,8 +62,13 @@ CUBE_FACES = np.array(
 below and above, in the axes of the lens (x right, y down, z ahead)."""
 
 
-class LensSight(NamedTuple):
-    """A camera's projection, split into axes and the map from lens coordinates to pixels."""
+class LensIntrinsics(NamedTuple):
+    """
+    A camera's projection, split into its axes and its intrinsics.
+
+    *Lens coordinates* are what an ideal lens of focal length 1 shows, x right and y down; the
+    intrinsics take them to pixels.
+    """
 
     rows: Float64
     """(3, 4): pixel column, pixel row and w, each times w, of view-space points."""
@@ -76,17 +81,17 @@ class LensSight(NamedTuple):
     principal_point: tuple[float, float]
     """Pixels."""
 
-    def has_same_projection(self, other: LensSight) -> bool:
-        """Tell whether another camera differs only in its position and its planes."""
+    def has_same_projection(self, other: LensIntrinsics) -> bool:
+        """Tell whether another camera differs only in position and clip planes."""
         return np.array_equal(self.rows, other.rows)
 
-    def pixels(self, places: Float64) -> Float64:
+    def to_pixels(self, points: Float64) -> Float64:
         """Return the pixel coordinates, (..., 2), of lens coordinates, (..., 2)."""
-        x, y = places[..., 0], places[..., 1]
+        x, y = points[..., 0], points[..., 1]
         (fx, fy, skew), (cx, cy) = self.focal, self.principal_point
         return np.stack(((fx * x + skew * y) + cx, fy * y + cy), axis=-1)
 
-    def places(self, columns: Float64, rows: Float64) -> Float64:
+    def to_lens_coordinates(self, columns: Float64, rows: Float64) -> Float64:
         """Return lens coordinates, (R, C, 2), at columns (C,) and rows (R,), pixels."""
         (fx, fy, skew), (cx, cy) = self.focal, self.principal_point
         y = ((rows - cy) / fy)[:, np.newaxis]
@@ -122,8 +127,8 @@ class PictureCamera(DerivedCamera):
     """A camera that projects on another plane than a given one, in the same view space."""
 
     clip_from_view: Matrix
-    pixels: float = 1.0
-    """Its pixels along each side of a pixel in the middle of the lens's picture."""
+    samples_per_pixel: float = 1.0
+    """Its pixels along each side of a pixel at the centre of the frame with the lens."""
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
         """Return ``clip_from_view``, whatever the size."""
@@ -158,32 +163,33 @@ class PinholePicture(NamedTuple):
 class LensViews(NamedTuple):
     """Where the rays of pixels meet pinhole pictures."""
 
-    number: NDArray[np.uint8]
+    picture_number: NDArray[np.uint8]
     """(H, W): which picture shows the pixel; `NOWHERE` where none does."""
-    place: NDArray[np.float32]
-    """(H, W, 2): position on that picture's plane at distance 1."""
-    spread: NDArray[np.float32]
-    """(H, W, 4): a pixel's extent there, along its row, then along its column."""
+    position: NDArray[np.float32]
+    """(H, W, 2): where the ray meets that picture's plane at distance 1."""
+    footprint: NDArray[np.float32]
+    """(H, W, 4): a pixel's extent on it, the vector along its row, then the one along its
+    column."""
     pictures: tuple[PinholePicture, ...]
-    least_cosine: float
+    min_cosine: float
     """Least cosine of the angle between the axis and a corner of a pixel."""
 
     @property
     def description(self) -> str:
         """The pictures in words."""
         sizes = ", ".join(f"{picture.size[0]} x {picture.size[1]}" for picture in self.pictures)
-        many = f"{len(self.pictures)} pinhole picture{'s' * (len(self.pictures) > 1)}"
-        return f"{many} ({sizes}), at least {MIN_SAMPLES_PER_PIXEL:g} samples along a pixel"
+        count = f"{len(self.pictures)} pinhole picture{'s' * (len(self.pictures) > 1)}"
+        return f"{count} ({sizes}), at least {MIN_SAMPLES_PER_PIXEL:g} samples along a pixel"
 
 
-def make_sight(lens: Lens, camera: Camera, size: tuple[int, int]) -> LensSight:
+def make_lens_intrinsics(lens: Lens, camera: Camera, size: tuple[int, int]) -> LensIntrinsics:
     """
-    Split a camera's projection.
+    Split the projection of a perspective camera, for a frame of a size in pixels.
 
     Raises
     ------
     ValueError
-        If the camera is no perspective.
+        If the camera is no perspective, or the frame's shape does not suit the lens.
     """
     width, height = size
     clip = camera.projection_matrix(size)
@@ -202,10 +208,10 @@ def make_sight(lens: Lens, camera: Camera, size: tuple[int, int]) -> LensSight:
     axes, triangle = _split_projection(rows[:, :3])
     if isinstance(lens, Equirectangular):
         focal = width / (2.0 * math.pi), height / math.pi, 0.0
-        return LensSight(rows, axes, triangle[2][2], focal, (0.5 * width, 0.5 * height))
+        return LensIntrinsics(rows, axes, triangle[2][2], focal, (0.5 * width, 0.5 * height))
     (fx, skew, cx), (_, fy, cy), (_, _, scale) = triangle
     focal = fx / scale, fy / scale, skew / scale
-    return LensSight(rows, axes, scale, focal, (cx / scale, cy / scale))
+    return LensIntrinsics(rows, axes, scale, focal, (cx / scale, cy / scale))
 
 
 def world_axes(camera: Camera, size: tuple[int, int]) -> Float64:
@@ -230,8 +236,20 @@ def _split_projection(rows: Float64) -> tuple[Float64, list[list[float]]]:
     return np.array([right, down, ahead]), [[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, length_of_w]]
 
 
+class _ViewArrays(NamedTuple):
+    """The arrays of `LensViews`, or some rows of them."""
+
+    picture_number: NDArray[np.uint8]
+    position: NDArray[np.float32]
+    footprint: NDArray[np.float32]
+
+    def rows(self, first: int, last: int) -> _ViewArrays:
+        """Return views of the rows ``first .. last - 1``."""
+        return _ViewArrays(*(array[first:last] for array in self))
+
+
 def find_lens_views(
-    lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers
+    lens: Lens, size: tuple[int, int], intrinsics: LensIntrinsics, workers: Workers
 ) -> LensViews:
     """
     Find the rays of all pixels, and the pictures that show them.
@@ -243,49 +261,50 @@ def find_lens_views(
         that are too large.
     """
     width, height = size
-    number = np.empty((height, width), np.uint8)
-    place = np.zeros((height, width, 2), np.float32)
-    spread = np.zeros((height, width, 4), np.float32)
-    faces = CUBE_FACES[:1] if _fits_one_picture(lens, size, sight) else CUBE_FACES
+    views = _ViewArrays(
+        np.empty((height, width), np.uint8),
+        np.zeros((height, width, 2), np.float32),
+        np.zeros((height, width, 4), np.float32),
+    )
+    faces = CUBE_FACES[:1] if _fits_one_picture(lens, size, intrinsics) else CUBE_FACES
+    to_lens_coordinates = intrinsics.to_lens_coordinates
 
-    def find_some(first: int, last: int) -> tuple[Float64, float, float]:
-        columns = np.arange(width + 1.0)
-        centers = lens.unproject(
-            sight.places(columns[:-1] + 0.5, np.arange(first, last, dtype=np.float64) + 0.5)
-        )
-        corners = lens.unproject(sight.places(columns, np.arange(first, last + 1.0)))
+    def find_views_of_rows(first: int, last: int) -> tuple[Float64, float, float]:
+        columns, rows = np.arange(width + 1.0), np.arange(first, last + 1.0)
+        centers = lens.unproject(to_lens_coordinates(columns[:-1] + 0.5, rows[:-1] + 0.5))
+        corners = lens.unproject(to_lens_coordinates(columns, rows))
         _check_folds(lens, centers)
-        some = slice(first, last)
-        return _find_views_of_rows(
-            faces, centers, corners, (number[some], place[some], spread[some])
-        )
+        return _find_views_of_rows(faces, centers, corners, views.rows(first, last))
 
-    found = workers.run(find_some, split_range(height, ROWS_PER_TASK))
+    # Rays.
+    found = workers.run(find_views_of_rows, split_range(height, ROWS_PER_TASK))
     face_extents, widths, cosines = zip(*found, strict=True)
-    extents, least, cosine = np.array(face_extents), min(widths), min(cosines)
+    # Density of samples, by the narrowest pixel.
+    min_width = min(widths)
     if isinstance(lens, Equirectangular):
-        # Pixels are as high everywhere; at the poles they are as narrow as they like.
-        least = 1.0 / sight.focal[1]
-    if not 0.0 < least < math.inf:
+        # All pixels are equally high; their width falls to 0 at the poles.
+        min_width = 1.0 / intrinsics.focal[1]
+    if not 0.0 < min_width < math.inf:
         raise ValueError(f"lens must show something of the picture: {lens.visible_range}")
-    density = MIN_SAMPLES_PER_PIXEL / least
+    density = MIN_SAMPLES_PER_PIXEL / min_width
+    # Pictures of the faces that any ray meets.
+    extents = np.array(face_extents)
     low, high = extents[:, :, :2].min(axis=0), extents[:, :, 2:].max(axis=0)
     pictures = [
-        _make_picture(n, axes, low[n], high[n], density, _find_alignment(number, place, n), size)
+        _make_picture(n, axes, low[n], high[n], density, _find_alignment(views, n), size)
         for n, axes in enumerate(faces)
         if low[n, 0] <= high[n, 0]
     ]
-    return LensViews(number, place, spread, tuple(pictures), cosine)
+    return LensViews(*views, tuple(pictures), min(cosines))
 
 
-def _fits_one_picture(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
-    """Tell whether one picture covers all rays, by those at the border."""
-    (width, height), columns = size, np.arange(size[0] + 1.0)
-    rows = np.arange(height + 1.0)
-    sides = [
-        sight.places(columns, np.array([0.0, height])).reshape(-1, 2),
-        sight.places(np.array([0.0, width]), rows).reshape(-1, 2),
-    ]
+def _fits_one_picture(lens: Lens, size: tuple[int, int], intrinsics: LensIntrinsics) -> bool:
+    """Tell whether one picture covers all rays; those at the border decide."""
+    width, height = size
+    columns, rows = np.arange(width + 1.0), np.arange(height + 1.0)
+    top_and_bottom = intrinsics.to_lens_coordinates(columns, np.array([0.0, height]))
+    left_and_right = intrinsics.to_lens_coordinates(np.array([0.0, width]), rows)
+    sides = top_and_bottom.reshape(-1, 2), left_and_right.reshape(-1, 2)
     border = lens.unproject(np.concatenate(sides))
     _check_folds(lens, border)
     x, y, z = border.T
@@ -296,7 +315,7 @@ def _fits_one_picture(lens: Lens, size: tuple[int, int], sight: LensSight) -> bo
 
 
 def _check_folds(lens: Lens, directions: Float64) -> None:
-    """Raise ``ValueError`` if the lens has no ray for a direction, as it folds before."""
+    """Raise ``ValueError`` if any ray is NaN: beyond the field of view, where the lens folds."""
     if np.isnan(directions).any():
         raise ValueError(
             f"lens must show all of the picture up to its corners: {lens.visible_range}"
@@ -304,13 +323,19 @@ def _check_folds(lens: Lens, directions: Float64) -> None:
 
 
 def _find_views_of_rows(
-    faces: Float64,
-    centers: Float64,
-    corners: Float64,
-    written: tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]],
+    faces: Float64, centers: Float64, corners: Float64, views: _ViewArrays
 ) -> tuple[Float64, float, float]:
     """
-    Write the views of some rows of pixels.
+    Write the views of R rows of W pixels.
+
+    Parameters
+    ----------
+    faces : (F, 3, 3) float64
+        `CUBE_FACES`, or the first alone.
+    centers, corners : (R, W, 3), (R + 1, W + 1, 3) float64
+        Rays of the centres and corners of pixels, lens axes; 0 where there is none.
+    views : _ViewArrays
+        These rows, written.
 
     Returns
     -------
@@ -321,48 +346,55 @@ def _find_views_of_rows(
     float
         Least cosine of the angle from the axis.
     """
-    number, place, spread = written
+    picture_number, position, footprint = views
+    # The face that each ray meets.
     x, y, z = (centers[..., k] for k in range(3))
     if len(faces) == 1:
-        number[...] = 0
+        picture_number[...] = 0
     else:
-        number[...] = np.argmax(np.stack((z, x, -z, -x, y, -y)), axis=0)
-    number[(x == 0.0) & (y == 0.0) & (z == 0.0)] = NOWHERE
+        picture_number[...] = np.argmax(np.stack((z, x, -z, -x, y, -y)), axis=0)
+    picture_number[(x == 0.0) & (y == 0.0) & (z == 0.0)] = NOWHERE
+    # Position and footprint on it.
     extents = np.tile([math.inf, math.inf, -math.inf, -math.inf], (len(faces), 1))
-    least, cosine = math.inf, 1.0
+    min_width = math.inf
     for n, axes in enumerate(faces):
-        is_here = number == n
+        is_here = picture_number == n
         if not is_here.any():
             continue
-        at = _project(axes, centers)
-        place[is_here] = at[is_here]
-        with np.errstate(all="ignore"):
-            end = _project(axes, corners)
-            a, b, c, d = end[:-1, :-1], end[:-1, 1:], end[1:, :-1], end[1:, 1:]
-            along = np.concatenate((0.5 * ((b + d) - (a + c)), 0.5 * ((c + d) - (a + b))), axis=-1)
+        points = _project(axes, centers)[is_here]
+        footprints = _find_footprints(_project(axes, corners))[is_here]
         # Where the field of view ends, or a corner lies behind, a pixel is only its centre.
-        footprints = along[is_here]
         is_known = np.isfinite(footprints).all(axis=-1)
-        spread[is_here] = np.where(is_known[:, np.newaxis], footprints, 0.0)
-        reach = 0.5 * (np.abs(spread[is_here][:, :2]) + np.abs(spread[is_here][:, 2:]))
-        points = place[is_here]
-        extents[n] = *(points - reach).min(axis=0), *(points + reach).max(axis=0)
-        least = min(least, _min_width(footprints[is_known]))
+        position[is_here] = points
+        footprint[is_here] = np.where(is_known[:, np.newaxis], footprints, 0.0)
+        # Extents enclose what is stored, rounded to float32.
+        points, rounded = position[is_here], np.abs(footprint[is_here])
+        margin = 0.5 * (rounded[:, :2] + rounded[:, 2:])
+        extents[n] = *(points - margin).min(axis=0), *(points + margin).max(axis=0)
+        min_width = min(min_width, _min_width(footprints[is_known]))
+    # The angle from the axis.
     x, y, z = (corners[..., k] for k in range(3))
     length = np.sqrt(x * x + y * y + z * z)
     is_seen = length > 0.0
-    if is_seen.any():
-        cosine = float((z[is_seen] / length[is_seen]).min())
-    return extents, least, cosine
+    cosine = float((z[is_seen] / length[is_seen]).min()) if is_seen.any() else 1.0
+    return extents, min_width, cosine
+
+
+def _find_footprints(corners: Float64) -> Float64:
+    """Return the extents of pixels along row and column, (R, W, 4), by their projected corners."""
+    a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
+    with np.errstate(all="ignore"):
+        along_row, along_column = 0.5 * ((b + d) - (a + c)), 0.5 * ((c + d) - (a + b))
+    return np.concatenate((along_row, along_column), axis=-1)
 
 
 def _project(axes: Float64, directions: Float64) -> Float64:
     """Return where rays, (..., 3), meet the plane of a face, (..., 2); NaN if they do not."""
     x, y, z = (directions[..., k] for k in range(3))
-    across, down, deep = ((x * a[0] + y * a[1]) + z * a[2] for a in axes.tolist())
     with np.errstate(all="ignore"):
-        deep = np.where(deep > 0.0, deep, np.nan)
-        return np.stack((across / deep, down / deep), axis=-1)
+        across, down, ahead = ((x * a[0] + y * a[1]) + z * a[2] for a in axes.tolist())
+        ahead = np.where(ahead > 0.0, ahead, np.nan)
+        return np.stack((across / ahead, down / ahead), axis=-1)
 
 
 def _min_width(footprints: Float64) -> float:
@@ -376,14 +408,12 @@ def _min_width(footprints: Float64) -> float:
     return float((area / longest).min())
 
 
-def _find_alignment(
-    number: NDArray[np.uint8], place: NDArray[np.float32], n: int
-) -> tuple[float, float]:
-    """Return the position to put at the centre of a sample: the middle pixel's, if on this face."""
-    row, column = number.shape[0] // 2, number.shape[1] // 2
-    if number[row, column] != n:
+def _find_alignment(views: _ViewArrays, n: int) -> tuple[float, float]:
+    """Return the position to put at the centre of a sample: the middle pixel's, if on face n."""
+    row, column = (side // 2 for side in views.picture_number.shape)
+    if views.picture_number[row, column] != n:
         return 0.0, 0.0
-    x, y = place[row, column].tolist()
+    x, y = views.position[row, column].tolist()
     return x, y
 
 
@@ -398,11 +428,11 @@ def _make_picture(
 ) -> PinholePicture:
     """Return the pinhole picture that covers a part of a plane."""
     sides, origin = [], []
-    for least, most, at in zip(low.tolist(), high.tolist(), aligned, strict=True):
-        first = math.floor(least * density) - MARGIN_SAMPLES
+    for start, end, position in zip(low.tolist(), high.tolist(), aligned, strict=True):
+        first = math.floor(start * density) - MARGIN_SAMPLES
         # Move the position to the centre of its sample.
-        shift = 0.5 - (at * density - math.floor(at * density))
-        sides.append(math.ceil(most * density) + MARGIN_SAMPLES - first)
+        shift = 0.5 - (position * density - math.floor(position * density))
+        sides.append(math.ceil(end * density) + MARGIN_SAMPLES - first)
         origin.append(shift - first)
     if max(sides) > MAX_SIZE:
         raise ValueError(
@@ -413,7 +443,7 @@ def _make_picture(
 
 
 def make_picture_camera(
-    picture: PinholePicture, camera: Camera, size: tuple[int, int], sight: LensSight
+    picture: PinholePicture, camera: Camera, size: tuple[int, int], intrinsics: LensIntrinsics
 ) -> PictureCamera:
     """
     Return the camera of a pinhole picture.
@@ -427,41 +457,43 @@ def make_picture_camera(
     right, down, ahead = (picture.axes[k] for k in range(3))
     columns = (2.0 * density / width) * right + (2.0 * left / width - 1.0) * ahead
     rows = (2.0 * density / height) * down + (2.0 * top / height - 1.0) * ahead
-    parts = np.array([columns, -rows, ahead]) * sight.depth_scale
-    clip, found = camera.projection_matrix(size), np.zeros((4, 4))
-    found[[0, 1, 3], :3] = _multiply_in_order(parts, sight.axes)
-    if sight.rows[:, 3].any():
+    parts = np.array([columns, -rows, ahead]) * intrinsics.depth_scale
+    clip, clip_from_view = camera.projection_matrix(size), np.zeros((4, 4))
+    clip_from_view[[0, 1, 3], :3] = _multiply_in_order(parts, intrinsics.axes)
+    if intrinsics.rows[:, 3].any():
         # The eye is not at the origin of view space.
-        inverse = transforms.normal_matrix(_as_affine(sight.rows[:, :3])).T
-        offset = _multiply_in_order(inverse, sight.rows[:, 3:])
-        found[[0, 1, 3], 3] = _multiply_in_order(found[[0, 1, 3], :3], offset)[:, 0]
+        inverse = transforms.normal_matrix(_as_affine(intrinsics.rows[:, :3])).T
+        offset = _multiply_in_order(inverse, intrinsics.rows[:, 3:])
+        clip_from_view[[0, 1, 3], 3] = _multiply_in_order(clip_from_view[[0, 1, 3], :3], offset)[
+            :, 0
+        ]
     if picture.is_ahead:
-        found[2:] = clip[2:]
+        clip_from_view[2:] = clip[2:]
     else:
-        found[2] = _rotate_depth_row(clip, found[3])
-    across, down, _ = sight.focal
-    return PictureCamera(camera, found, density / math.sqrt(abs(across * down)))
+        clip_from_view[2] = _rotate_depth_row(clip, clip_from_view[3])
+    across, down, _ = intrinsics.focal
+    return PictureCamera(camera, clip_from_view, density / math.sqrt(abs(across * down)))
 
 
 def _rotate_depth_row(clip: Matrix, w_row: Float64) -> Float64:
-    """Return the row of clip-space z of a rotated camera, with the same planes."""
+    """Return the z row, (4,), of a rotated camera's projection, with the same clip planes."""
     z, w = clip[2, :3], clip[3, :3]
-    share = dot(z.tolist(), w.tolist()) / dot(w.tolist(), w.tolist())
-    if np.abs(z - share * w).max() > MAX_PLANE_TILT * np.abs(w).max():
+    ratio = dot(z.tolist(), w.tolist()) / dot(w.tolist(), w.tolist())
+    if np.abs(z - ratio * w).max() > MAX_PLANE_TILT * np.abs(w).max():
         raise ValueError(
             "camera must have a near plane that faces its line of sight where a lens sees so much "
             "that it takes several pictures"
         )
-    row = share * w_row
-    row[3] += clip[2, 3] - share * clip[3, 3]
+    row = ratio * w_row
+    row[3] += clip[2, 3] - ratio * clip[3, 3]
     return row
 
 
 def _as_affine(rows: Float64) -> Matrix:
-    """Return three rows as an affine matrix, (4, 4)."""
-    square = transforms.identity()
-    square[:3, :3] = rows
-    return square
+    """Return a linear map, (3, 3), as an affine matrix, (4, 4)."""
+    matrix = transforms.identity()
+    matrix[:3, :3] = rows
+    return matrix
 
 
 def _multiply_in_order(left: Float64, right: Float64) -> Float64:

@@ -302,7 +302,7 @@ def pixels_per_output_pixel(camera: Camera) -> float:
     """Return how many of a camera's pixels a pixel of the finished picture is wide."""
     while isinstance(camera, MovedCamera):
         camera = camera.camera
-    return camera.pixels if isinstance(camera, PictureCamera) else 1.0
+    return camera.samples_per_pixel if isinstance(camera, PictureCamera) else 1.0
 
 
 def sample_spacing(samples: int) -> float:
