@@ -290,6 +290,7 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         "Frame.attribute.name": lambda: "heat", "Batch.attribute.name": lambda: "heat",
         "LayeredFrame.attribute.name": lambda: "heat",
         "LayeredFrame.save.path": lambda: folder / "a.npz",
+        "LineDrawing.save.path": lambda: folder / "a.svg",
         "transforms.unit_vector.value": lambda: (0.0, 0.0, 2.0),
         "transforms.unit_triple.value": lambda: (0.0, 0.0, 2.0),
         "transforms.are_parallel.a": lambda: (0.0, 0.0, 2.0),
@@ -325,6 +326,7 @@ def instances(values: Mapping[str, Callable[[], Any]]) -> dict[str, Callable[[],
         "LayeredFrame": lambda: rj.render_layers(
             values["scene"](), values["camera"](), k=1, size=(8, 6), outputs=outputs
         ),
+        "LineDrawing": lambda: rj.line_drawing(values["scene"](), values["camera"](), (8, 6)),
         "Batch": lambda: rj.render_batch(
             values["scene"](), values["cameras"](), size=(8, 6), outputs=outputs[-1:]
         ),

@@ -37,6 +37,7 @@ Pictures and ground truth
     annotations of them; `Frame.pick` tells which face a pixel shows, and where (`PickedPixel`);
     `Frame.to_pytorch3d` gives its triangles as PyTorch3D does (`PyTorch3DFragments`).
     `styles` has looks that are ready made, such as ``rj.styles.studio(scene).render()``.
+    `line_drawing` finds the visible edges and writes SVG and PDF (`LineDrawing`).
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
     of meshes from all sides, and scenes with what is seen and hidden of each object;
@@ -82,6 +83,7 @@ _HOMES = {
     "classics.framebuffer": "Framebuffer",
     "classics.pipeline": "ClassicPipeline",
     "distributed.frames": "render_many",
+    "hidden_lines.drawing": "LineDrawing line_drawing",
     "inspect.cross_section": "CrossSection cross_section",
     "inspect.pixel": "explain_pixel",
     "inspect.pixel_report": "PixelExplanation",

@@ -5,6 +5,7 @@ from rasterjit import types as types
 from rasterjit.classics.framebuffer import Framebuffer
 from rasterjit.classics.pipeline import ClassicPipeline
 from rasterjit.distributed.frames import render_many
+from rasterjit.hidden_lines.drawing import LineDrawing, line_drawing
 from rasterjit.inspect.cross_section import CrossSection, cross_section
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
@@ -98,6 +99,7 @@ __all__ = [
     "Joints",
     "Label",
     "LayeredFrame",
+    "LineDrawing",
     "Lines",
     "LoadWarning",
     "Material",
@@ -143,6 +145,7 @@ __all__ = [
     "explain_pixel",
     "fit_camera",
     "grid",
+    "line_drawing",
     "load",
     "load_cameras",
     "masks",

@@ -106,7 +106,7 @@ def _measure(cut: Scene, areas: Float64, outlines: list[tuple[Float64, ...]]) ->
         is_cap = nodes.cut.face_numbers[first_face] >= nodes.cut.face_starts[-1]
         if not is_cap and len(nodes.cut.sides[0]):
             own = edges[nodes.cut.sides[0][:, 1] == number] - first_vertex
-            outlines[owner] = tuple(read_only(points[line]) for line in _join_edges(own))
+            outlines[owner] = tuple(read_only(points[line]) for line in join_edges(own))
             if len(own) and not areas[owner]:
                 areas[owner] = np.nan
         first_vertex += len(points)
@@ -118,7 +118,7 @@ def _lengths(vectors: Float64) -> list[float]:
     return np.sqrt(dot_rows(vectors, vectors)).tolist()
 
 
-def _join_edges(edges: Int64) -> list[list[int]]:
+def join_edges(edges: Int64) -> list[list[int]]:
     """Return chains of edges, (E, 2), as vertices; a closed one ends with its first."""
     neighbours: dict[int, list[int]] = {}
     for a, b in edges.tolist():

@@ -702,6 +702,8 @@ ELSEWHERE = {
     "PixelExplanation": "what explain_pixel returns",
     "cross_section": "it cuts as render does; its tests refuse bad input",
     "CrossSection": "what cross_section returns",
+    "line_drawing": "it projects as render does; tests/hidden_lines refuse its bad input",
+    "LineDrawing": "what line_drawing returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
     "LayeredFrame": "what render_layers returns",
     "PickedPixel": "what Frame.pick returns; tests/outputs/test_picking.py refuses bad input",

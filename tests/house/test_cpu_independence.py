@@ -342,6 +342,8 @@ ALLOWED = {
     ("survey/cap_overlaps.py", "fsum"): "rounded once, in whatever order",
     ("survey/cap_overlaps.py", "sum"): "whole numbers: counts of vertices",
     ("inspect/cross_section.py", "fsum"): "rounded once, in whatever order",
+    ("hidden_lines/helvetica.py", "sum"): "whole numbers: widths of characters",
+    ("hidden_lines/occlusion.py", "sum"): "fractions, and whole numbers of cells",
     ("scene/mip_levels.py", "sum"): "whole numbers: counts of texels",
     ("scene/points.py", "sum"): "whole numbers: counts for a message",
     ("classics/framebuffer.py", "sum"): "whole numbers: pixels of lines",

@@ -63,7 +63,7 @@ FROZEN = [
 
 REPORTS = {
     rj.Diagnostics, rj.FrameProfile, rj.FrameStats, rj.PixelExplanation, rj.QualityChoice,
-    rj.RenderPlan, rj.CrossSection,
+    rj.RenderPlan, rj.CrossSection, rj.LineDrawing,
 }  # fmt: skip
 """Frozen, and made by no one but this package: there is no changed copy to make."""
 

@@ -1,0 +1,1 @@
+"""Line drawings: which parts of edges are visible, exactly, as vector graphics."""

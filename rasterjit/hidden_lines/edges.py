@@ -1,0 +1,222 @@
+"""
+Find the edges of a scene that a line drawing shows, before any is hidden.
+
+Vertices of one object at one position count as one, so that seams of normals or texture coordinates
+are no boundaries; faces with the same corners count as one.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID
+from rasterjit.pipeline.records import Geometry, Objects, Placement
+from rasterjit.scene.arrays import Bool, Float64, Int32, Int64
+from rasterjit.scene.distinct_rows import distinct_rows
+from rasterjit.scene.normals import compute_area_vectors, dot_rows, safe_scale
+from rasterjit.scene.transforms import sine_cosine
+from rasterjit.survey.cache import SceneCache
+
+LineKind: TypeAlias = Literal["section", "boundary", "silhouette", "crease", "line", "wireframe"]
+KINDS: tuple[LineKind, ...] = get_args(LineKind)
+"""Kinds of edges; one that is of several is of the first."""
+
+DEFAULT_KINDS: tuple[LineKind, ...] = ("section", "boundary", "silhouette", "crease", "line")
+"""All but the wireframe."""
+
+
+class FeatureEdges(NamedTuple):
+    """FeatureEdges of a scene."""
+
+    vertices: Int32
+    """(E, 2), vertex numbers of the packed scene."""
+    kinds: Int64
+    """(E,): index in `KINDS`."""
+    objects: Int64
+    """(E,), as in the packed scene."""
+    is_turned_away: Bool
+    """(E,): whether all faces at the edge are culled."""
+
+
+class _Faces(NamedTuple):
+    """The faces whose edges are looked at, (F,), without repeats."""
+
+    corners: Int64
+    """(F, 3), one vertex for each position."""
+    objects: Int64
+    windings: Int64
+    """(F,): sign of the edge function on the screen, 0 of a face seen edge-on."""
+    normals: Float64
+    """(F, 3), twice the face's area long."""
+    is_drawn: Bool
+    """(F,): whether the face, or one with the same corners, is not culled."""
+
+
+def find_edges(
+    cache: SceneCache, geometry: Geometry, objects: Objects, placement: Placement,
+    kinds: tuple[str, ...], crease_angle: float,
+) -> FeatureEdges:  # fmt: skip
+    """
+    Find the edges of some kinds.
+
+    Parameters
+    ----------
+    cache : SceneCache
+    geometry : Geometry
+        With clip positions.
+    objects : Objects
+    placement : Placement
+    kinds : tuple of str
+        Of `KINDS`.
+    crease_angle : float
+        By how much a crease turns at least, degrees.
+    """
+    vertex_objects = np.repeat(
+        np.arange(len(placement.face_starts) - 1), np.diff(cache.shapes.arrays.vertex_starts)
+    )
+    numbers, firsts = distinct_rows(*placement.positions.T, vertex_objects)
+    merged = firsts[numbers]
+    parts = [_find_lines(cache)] if "line" in kinds else []
+    faces = _collect_faces(cache, geometry, objects, placement, merged)
+    if len(faces.corners):
+        cut, whole = _cut_edges(cache, merged)
+        parts.append(_classify(faces, kinds, crease_angle, cut, whole))
+        if "section" in kinds:
+            parts.append(_find_cap_corners(parts[-1], cut, vertex_objects))
+    if not parts:
+        none = np.empty(0, np.int64)
+        return FeatureEdges(np.empty((0, 2), np.int32), none, none, np.empty(0, bool))
+    return FeatureEdges(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def _find_lines(cache: SceneCache) -> FeatureEdges:
+    """Return the segments of lines."""
+    arrays = cache.shapes.arrays
+    faces = np.zeros(len(arrays.faces), bool)
+    for primitive in arrays.primitives:
+        faces[slice(*primitive.faces)] = primitive.kind == "lines"
+    vertices = np.ascontiguousarray(arrays.faces[faces][:, :2])
+    return FeatureEdges(
+        vertices, np.full(len(vertices), KINDS.index("line")),
+        cache.shapes.object_numbers[:-1][faces].astype(np.int64), np.zeros(len(vertices), bool),
+    )  # fmt: skip
+
+
+def _collect_faces(
+    cache: SceneCache, geometry: Geometry, objects: Objects, placement: Placement, merged: Int64
+) -> _Faces:
+    """Return the faces whose edges are looked at: triangles with three corners, none of a cap."""
+    arrays, owners = cache.shapes.arrays, cache.shapes.object_numbers[:-1].astype(np.int64)
+    is_wanted = np.ones(len(arrays.faces), bool)
+    for primitive in arrays.primitives:
+        is_wanted[slice(*primitive.faces)] = False
+    if cache.cut is not None:
+        # The outlines of caps are those of the cut.
+        is_wanted &= cache.cut.face_numbers[:-1] < cache.cut.face_starts[-1]
+    corners = merged[arrays.faces]
+    a, b, c = corners.T
+    is_wanted &= (a != b) & (b != c) & (c != a)
+    is_wanted &= ~np.any(geometry.codes[arrays.faces] & INVALID, axis=1)
+    corners, owners = corners[is_wanted], owners[is_wanted]
+    windings = _find_windings(geometry, corners)
+    is_drawn = windings * objects.culled_windings[owners] <= 0
+    # Keep one of the faces with the same corners.
+    if len(corners):
+        same, firsts = distinct_rows(*np.sort(corners, axis=1).T)
+        is_drawn = np.bincount(same, is_drawn, len(firsts)) > 0.0
+        corners, owners, windings = corners[firsts], owners[firsts], windings[firsts]
+    vertex_objects = np.searchsorted(arrays.vertex_starts, np.arange(len(merged)), "right") - 1
+    positions = _transform(placement, vertex_objects)
+    used = positions[corners.ravel()] if len(corners) else np.ones((1, 3))
+    scale = safe_scale(used.min(axis=0), used.max(axis=0))
+    normals = compute_area_vectors(positions, corners.astype(np.int32), scale)
+    return _Faces(corners, owners, windings, normals, is_drawn)
+
+
+def _transform(placement: Placement, vertex_objects: Int64) -> Float64:
+    """Return all vertices relative to the eye, (V, 3), world axes."""
+    matrices, positions = placement.relative_from_model[vertex_objects], placement.positions
+    return np.stack(
+        [dot_rows(positions, matrices[:, k, :3]) + matrices[:, k, 3] for k in range(3)], 1
+    )
+
+
+def _find_windings(geometry: Geometry, faces: Int64) -> Int64:
+    """Return the signs of the faces' edge functions on the screen, (F,), exactly if unclipped."""
+    points = geometry.xy[faces].astype(np.int64)
+    (ax, ay), (bx, by), (cx, cy) = (points[:, k].T for k in range(3))
+    windings = np.sign((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+    is_clipped = np.any(geometry.codes[faces] & CLIPPED, axis=1)
+    if is_clipped.any():
+        # The determinant of x, y and w: w may be negative. The screen's y points down.
+        x, y, _, w = np.moveaxis(geometry.clip_positions[faces[is_clipped]], 2, 0)
+        crosses = [x[:, k - 2] * y[:, k - 1] - y[:, k - 2] * x[:, k - 1] for k in range(3)]
+        determinant = (crosses[0] * w[:, 0] + crosses[1] * w[:, 1]) + crosses[2] * w[:, 2]
+        windings[is_clipped] = -np.sign(determinant).astype(np.int64)
+    return windings
+
+
+def _cut_edges(cache: SceneCache, merged: Int64) -> tuple[Int64, Int64 | None]:
+    """Return the keys of a section's edges, and those of all edges but inside a cut face."""
+    if cache.cut is None:
+        return np.empty(0, np.int64), None
+    cut = [_edge_keys(*merged[edges].T) for edges in cache.cut.edges]
+    return np.unique(np.concatenate(cut)), np.unique(_edge_keys(*merged[cache.edges].T))
+
+
+def _find_cap_corners(found: FeatureEdges, cut: Int64, vertex_objects: Int64) -> FeatureEdges:
+    """Return the edges of a section at which caps alone meet."""
+    missing = np.setdiff1d(cut, _edge_keys(*found.vertices.astype(np.int64).T))
+    vertices = np.stack([missing >> 32, missing & 0xFFFFFFFF], axis=1)
+    return FeatureEdges(
+        vertices.astype(np.int32), np.zeros(len(missing), np.int64),
+        vertex_objects[vertices[:, 0]], np.zeros(len(missing), bool),
+    )  # fmt: skip
+
+
+def _edge_keys(a: Int64, b: Int64) -> Int64:
+    """Return one number for each edge, its lower vertex in the upper half."""
+    return np.minimum(a, b) << 32 | np.maximum(a, b)
+
+
+def _classify(
+    faces: _Faces, kinds: tuple[str, ...], crease_angle: float, cut: Int64, whole: Int64 | None
+) -> FeatureEdges:
+    """Return the edges of faces that are of one of some kinds."""
+    tails, heads = faces.corners.ravel(), np.roll(faces.corners, -1, axis=1).ravel()
+    keys = _edge_keys(tails, heads)
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.append(True, np.diff(keys[order]) != 0))
+    counts = np.diff(np.append(starts, len(keys)))
+    edges = keys[order][starts]
+    # Of the first two faces at each edge: windings and normals as if they were wound one way.
+    first, second = order[starts], order[np.minimum(starts + 1, len(keys) - 1)]
+    sign = np.where(tails[first] == tails[second], -1, 1)
+    windings, normals = faces.windings, faces.normals
+    is_front, is_other_front = windings[first // 3] > 0, sign * windings[second // 3] > 0
+    one, other = normals[first // 3], normals[second // 3]
+    _, min_cosine = sine_cosine(crease_angle)
+    lengths = np.sqrt(dot_rows(one, one)) * np.sqrt(dot_rows(other, other))
+    is_drawn = faces.is_drawn[order // 3]
+    masks = {
+        "section": np.isin(edges, cut),
+        "boundary": counts == 1,
+        "silhouette": (counts == 2) & (is_front != is_other_front),
+        "crease": (counts > 2)
+        | ((counts == 2) & (sign * dot_rows(one, other) < min_cosine * lengths)),
+        "wireframe": np.ones(len(edges), bool) if whole is None else np.isin(edges, whole),
+    }
+    found = np.full(len(edges), -1)
+    for number in reversed(range(len(KINDS))):
+        if KINDS[number] in kinds and KINDS[number] in masks:
+            found[masks[KINDS[number]]] = number
+    if "section" not in kinds:
+        found[masks["section"]] = -1
+    is_found, is_shown = found >= 0, np.logical_or.reduceat(is_drawn, starts) | masks["section"]
+    return FeatureEdges(
+        np.stack([edges >> 32, edges & 0xFFFFFFFF], axis=1)[is_found].astype(np.int32),
+        found[is_found], faces.objects[first // 3][is_found],
+        ~is_shown[is_found],
+    )  # fmt: skip
