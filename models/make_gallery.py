@@ -51,7 +51,7 @@ GALLERY: dict[str, Callable[[Size], Picture]] = {}
 """What makes each picture, by name; all take a size."""
 
 MATT = rj.Material(base_color="#d8d3ca", specular=0.0)
-SMOOTH = rj.Quality(samples=4)
+SMOOTH = rj.Quality(samples=4, lines="coverage")
 
 
 def picture(make: Callable[[Size], Picture]) -> Callable[[Size], Picture]:
@@ -437,7 +437,7 @@ def wireframe(size: Size) -> Picture:
         scene.add(dressed(box(1.1, 1.1, 1.1), look), cube)
         scene.wireframe = rj.Wireframe(color, mode)
         camera = rj.PerspectiveCamera(eye=(0.8, 1.8, 6.0), target=(0.1, -0.1, 0), fov_y=37.0)
-        pictures.append(shown(scene, camera, part))
+        pictures.append(shown(scene, camera, part, quality=SMOOTH))
     return in_row(pictures)
 
 

@@ -167,7 +167,9 @@ def is_possible(quality: Quality, changes: dict[str, Any]) -> bool:
 def _find_effect_reason(plan: RenderPlan, setting: str) -> str | None:
     """Return why no effect with a setting is used; None if one is, or none has the setting."""
     effects = [one for one in plan.effects if setting in one.effect.settings]
-    return effects[0].reason if effects and not any(one.used for one in effects) else None
+    if not effects or any(one.used for one in effects):
+        return None
+    return " and ".join(dict.fromkeys(one.reason for one in effects))
 
 
 def _explain_interpolation(plan: RenderPlan) -> str | None:

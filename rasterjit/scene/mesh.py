@@ -23,6 +23,7 @@ from rasterjit.scene.color import ColorLike, linear_rows
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.distinct_rows import distinct_rows
+from rasterjit.scene.edge_twins import find_twins
 from rasterjit.scene.first_corners import rotate_corners
 from rasterjit.scene.hooks import call_higher_level
 from rasterjit.scene.material import Material
@@ -172,6 +173,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
     _rest_mesh: Mesh | None = None
     """The undeformed mesh that a posed one was made of."""
     _drawn_faces: Int32 | None = None
+    _edge_twins: Int32 | None = None
     """Cached faces in the order of corners in which they are drawn."""
     _all_used: bool | None = None
     """Whether all vertices are finite and belong to a face; None: not computed."""
@@ -527,6 +529,13 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         if rest._drawn_faces is None:
             rest._drawn_faces = check.read_only(rotate_corners(rest.vertices, rest.faces))
         return rest._drawn_faces
+
+    def _twins_to_draw(self) -> Int32:
+        """Return the twins of the sides of the faces to draw, by their places at rest; cached."""
+        rest = self if self._rest_mesh is None else self._rest_mesh
+        if rest._edge_twins is None:
+            rest._edge_twins = check.read_only(find_twins(rest.vertices, rest._faces_to_draw()))
+        return rest._edge_twins
 
     def is_closed(self) -> bool:
         """

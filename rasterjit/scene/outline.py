@@ -8,14 +8,14 @@ from typing import Literal, TypeAlias, get_args
 
 from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
-from rasterjit.scene.validation import bounded_number, whole_number
+from rasterjit.scene.validation import bounded_number
 
 EdgeKind: TypeAlias = Literal["silhouette", "object", "crease"]
 EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
 """Kinds of edges that an outline may follow."""
 
-MAX_WIDTH = 64
-"""Largest width of a line, pixels."""
+MIN_WIDTH, MAX_WIDTH = 0.1, 64.0
+"""Least and largest width of a line, pixels."""
 
 
 @suggests_replace
@@ -24,16 +24,19 @@ class Outline:
     """
     Ask for the edges of shapes to be drawn over the 8-bit colour.
 
-    They are found between pixels, from the nearest faces at their centres, transparent or not, and
-    are not smoothed by more samples.
+    They are found between pixels, from the nearest faces at their centres, transparent or not. With
+    ``Quality(lines="coverage")`` they are smooth, at any number of samples: the line runs along the
+    edge itself, and covers the part of each pixel that lies within half a width of it. Else, whole
+    pixels beside the edge are drawn. Around points and lines and in holes of masks, a smooth line
+    may lie up to half a pixel beside the edge.
 
     Parameters
     ----------
     color : str or array_like
         Any colour, as `types.ColorLike` has it; stored as a tuple of linear RGBA. Lines
         are opaque.
-    width : int
-        Of the lines, pixels, 1..64.
+    width : float
+        Of the lines, pixels, 0.1..64; those that are not smooth are rounded to whole pixels.
     edges : sequence of str
         Which edges. ``"silhouette"``: where a surface ends before a farther one, or before
         nothing. ``"object"``: where two objects meet. ``"crease"``: where two faces of one object
@@ -48,13 +51,13 @@ class Outline:
     """
 
     color: Converted[ColorLike, RGBA] = Converted("black")
-    width: int = 1
+    width: float = 1.0
     edges: Sequence[EdgeKind] = EDGE_KINDS
     crease_angle: float = 40.0
 
     def __post_init__(self) -> None:
         store(self, color=rgba("color", self.color), edges=_check_edges(self.edges))
-        store(self, width=whole_number("width", self.width, 1, MAX_WIDTH))
+        store(self, width=bounded_number("width", self.width, MIN_WIDTH, MAX_WIDTH))
         store(self, crease_angle=bounded_number("crease_angle", self.crease_angle, 0.0, 180.0))
 
 

@@ -112,7 +112,7 @@ class Quality:
         them are not shaded, and what is opaque is seen through them. With ``"all"`` more than 4096
         behind each other are an error.
     blending : {"srgb8", "linear"}
-        What transparent surfaces, samples and the lines of a wireframe are mixed in: 8-bit sRGB
+        What transparent surfaces, samples and smooth lines are mixed in: 8-bit sRGB
         codes, as old programs do it, or light. With codes every colour is tone mapped and rounded
         to 8 bits by itself, alpha as well, and so is what comes of laying one over another; the
         output ``"linear"`` is then what the codes stand for. Where a frame mixes nothing it has
@@ -124,9 +124,10 @@ class Quality:
         and the base colour multiplies codes; light above 1 is cut off. Textures with mip levels,
         and all other objects, take light always.
     lines : {"bresenham", "coverage"}
-        Edges of a wireframe: one pixel after the other, between the pixels that hold the vertices;
-        or by the area of each pixel that is covered by a line one pixel wide between the vertices
-        on their grid.
+        Edges of a wireframe and outlines: whole pixels, those of a wireframe one after the other
+        between the pixels that hold the vertices; or smooth, by the area of each pixel that a line
+        covers, at any number of samples: one pixel wide between the vertices on their grid, or as
+        wide as the outline.
     interpolation_precision : {"adaptive", "float64"}
         Arithmetic that finds colours between those of vertices. ``"adaptive"`` takes float32 in
         scenes of unlit objects alone, with no texture and none blended, in view or not, with 1, 64

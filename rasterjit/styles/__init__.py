@@ -79,6 +79,12 @@ CLAY = "#b7a596"
 
 INK, PAPER = "#20242a", "#fbfbf8"
 
+SMOOTH = Quality(samples=SAMPLES, lines="coverage")
+"""Quality of styles that are drawn in areas, with lines that the scene may have."""
+
+LINES = Quality(lines="coverage")
+"""Quality of styles that are drawn in lines."""
+
 BLUE_FILM, DARKROOM = (0.55, 0.78, 1.0, 0.22), "#0c1220"
 
 
@@ -141,7 +147,7 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
         background, ground = GREY_BACKGROUND, GROUND_LIGHT._replace(key=key)
         adds["background image"] = "greys"
     return Style(
-        "studio", copy_with_changes(lighted, **changes), camera, Quality(samples=SAMPLES),
+        "studio", copy_with_changes(lighted, **changes), camera, SMOOTH,
         background, ground, adds,
     )  # fmt: skip
 
@@ -170,9 +176,9 @@ def technical(scene: Any, camera: Camera | None = None) -> Style:
         As `plain` takes them.
     """
     paper = style.recolor(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
-    styled = copy_with_changes(paper, outline=Outline(INK), environment=None, fog=None)
-    adds = {"outline": "lines along edges", "shading": "one colour"}
-    return Style("technical", styled, camera, Quality.standard(), PAPER, adds=adds)
+    styled = copy_with_changes(paper, outline=Outline(INK, 1.5), environment=None, fog=None)
+    adds = {"outline": "smooth lines along edges", "shading": "one colour"}
+    return Style("technical", styled, camera, LINES, PAPER, adds=adds)
 
 
 def xray(scene: Any, camera: Camera | None = None) -> Style:
@@ -189,7 +195,7 @@ def xray(scene: Any, camera: Camera | None = None) -> Style:
         style.recolor(as_scene(scene, "scene"), film), lights=[], environment=None, fog=None
     )
     adds = {"transparency": "all surfaces are seen through", "anti-aliasing": f"{SAMPLES} samples"}
-    return Style("xray", styled, camera, Quality(samples=SAMPLES), DARKROOM, adds=adds)
+    return Style("xray", styled, camera, SMOOTH, DARKROOM, adds=adds)
 
 
 def depth(scene: Any, camera: Camera | None = None) -> Style:
@@ -210,7 +216,7 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
     colored = style.color_by_depth(scene, _view_camera(scene, camera))
     styled = copy_with_changes(colored, environment=None, fog=None, tone_map=None)
     adds = {"scalar fields": "the depth", "anti-aliasing": f"{SAMPLES} samples"}
-    return Style("depth", styled, camera, Quality(samples=SAMPLES), "black", adds=adds)
+    return Style("depth", styled, camera, SMOOTH, "black", adds=adds)
 
 
 def normals(scene: Any, camera: Camera | None = None) -> Style:
@@ -225,7 +231,7 @@ def normals(scene: Any, camera: Camera | None = None) -> Style:
     colored = style.color_by_normal(pose_scene(as_scene(scene, "scene")))
     styled = copy_with_changes(colored, environment=None, fog=None, tone_map=None)
     adds = {"shading": "colours of normals", "anti-aliasing": f"{SAMPLES} samples"}
-    return Style("normals", styled, camera, Quality(samples=SAMPLES), "black", adds=adds)
+    return Style("normals", styled, camera, SMOOTH, "black", adds=adds)
 
 
 def wireframe(scene: Any, camera: Camera | None = None) -> Style:
@@ -240,7 +246,7 @@ def wireframe(scene: Any, camera: Camera | None = None) -> Style:
     paper = style.recolor(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
     styled = copy_with_changes(paper, wireframe=Wireframe(INK), environment=None, fog=None)
     adds = {"wireframe": "smooth lines along edges", "shading": "one colour"}
-    return Style("wireframe", styled, camera, Quality(lines="coverage"), PAPER, adds=adds)
+    return Style("wireframe", styled, camera, LINES, PAPER, adds=adds)
 
 
 STYLES: Mapping[str, Callable[..., Style]] = MappingProxyType(

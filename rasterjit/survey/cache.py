@@ -23,6 +23,7 @@ from rasterjit.pipeline.records import (
     VertexScalars,
 )
 from rasterjit.pipeline.visibility.primitive_expansion import find_gaps
+from rasterjit.scene.edge_twins import NO_TWIN
 from rasterjit.scene.first_corners import corner_offsets
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_no_groups, matrices_of, meshes_of
@@ -171,6 +172,17 @@ class Shapes:
             runs = find_gaps([primitive.faces for primitive in self.arrays.primitives], len(faces))
             faces = np.concatenate([faces[:0], *(faces[first:stop] for first, stop in runs)])
         return find_unique_edges(faces)
+
+    @cached_property
+    def edge_twins(self) -> NDArray[np.int32]:
+        """The twin of each side of each triangle, (F, 3), as `find_twins` has it; -1 elsewhere."""
+        starts = self.arrays.face_starts.tolist()
+        twins = np.full((starts[-1], 3), NO_TWIN, np.int32)
+        for mesh, first, stop in zip(self.meshes, starts[:-1], starts[1:], strict=True):
+            if mesh.primitive == "triangles":
+                own = mesh._twins_to_draw()
+                twins[first:stop] = np.where(own == NO_TWIN, NO_TWIN, own + 3 * first)
+        return twins
 
     @cached_property
     def object_numbers(self) -> NDArray[np.int32]:

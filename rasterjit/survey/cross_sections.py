@@ -601,7 +601,7 @@ def _interpolate_mesh(mesh: Any, recipe: VertexRecipe, faces: NDArray[Any], numb
         name: read_only(values[numbers]) for name, values in mesh.face_attributes.items()
     }
     result._invalid_vertices = int(np.count_nonzero(~np.isfinite(result.vertices).all(axis=1)))
-    result._bounds = result._is_closed = result._drawn_faces = None
+    result._bounds = result._is_closed = result._drawn_faces = result._edge_twins = None
     if mesh._rest_mesh is not None:
         result._rest_mesh = rest = copy.copy(result)
         rest._vertices, rest._rest_mesh = rows(mesh._rest_mesh.vertices), None

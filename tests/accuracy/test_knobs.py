@@ -124,6 +124,7 @@ def test_a_made_scene_needs_the_settings_that_it_was_made_for(name):
         ("blending", one(), "no material is blended, and the standard has one sample"),
         ("texture_mixing", one(), "no material in view has a texture"),
         ("lines", one(), "wireframe is None"),
+        ("lines", one(), "outline is None"),
         ("shading", one("flat"), "no material in view is gouraud or phong"),
         ("shading", one("unlit"), "every material in view is unlit"),
         ("renormalize", one("gouraud"), "no normals are interpolated"),

@@ -266,9 +266,9 @@ def test_plan_says_why():
     ("arguments", "message"),
     [
         ({"color": "no colour"}, "color"),
-        ({"width": 0}, "width must be a whole number in 1..64, got 0"),
-        ({"width": 1.5}, "width must be a whole number in 1..64, got 1.5"),
-        ({"width": True}, "width must be a whole number"),
+        ({"width": 0}, "width must be in 0.1..64, got 0"),
+        ({"width": 64.5}, "width must be in 0.1..64, got 64.5"),
+        ({"width": "thin"}, "width must be a number"),
         ({"edges": ()}, "edges must name at least one of silhouette, object, crease"),
         ({"edges": ("object", "bend")}, "edges has 'bend', which is unknown"),
         ({"edges": 5}, "edges must name"),

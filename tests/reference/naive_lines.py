@@ -265,3 +265,24 @@ def is_cut_by_end_and_side(start, end, column, row):
         for (nx, ny), most in rectangle_of(start, end)
     ]
     return (cut[0] or cut[1]) and (cut[2] or cut[3])
+
+
+def stroke_shares(segments, half_width, size, steps=16):
+    """
+    Return how much of each pixel lies within half a width of a segment, (H, W), by sampling.
+
+    ``segments`` are (N, 4), x0, y0, x1, y1 in pixels; each pixel has ``steps ** 2`` samples.
+    """
+    width, height = size
+    columns = (np.arange(width * steps) + 0.5) / steps
+    rows = (np.arange(height * steps) + 0.5) / steps
+    x, y = np.meshgrid(columns, rows)
+    nearest = np.full(x.shape, np.inf)
+    for x0, y0, x1, y1 in np.asarray(segments, float):
+        squared = (x1 - x0) ** 2 + (y1 - y0) ** 2
+        share = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / squared
+        share = np.clip(share, 0.0, 1.0)
+        off_x, off_y = x - x0 - share * (x1 - x0), y - y0 - share * (y1 - y0)
+        nearest = np.minimum(nearest, off_x * off_x + off_y * off_y)
+    inside = nearest <= half_width * half_width
+    return inside.reshape(height, steps, width, steps).mean(axis=(1, 3))

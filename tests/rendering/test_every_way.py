@@ -301,6 +301,14 @@ BATCHED_EFFECTS = {
         cull="back",
     ),
     "outline": case(change={"outline": rj.Outline(width=3)}, outputs=(*LIGHT, "face_id")),
+    "smooth outline": case(
+        cameras=CUT, change={"outline": rj.Outline(width=2.5)}, outputs=(*LIGHT, "face_id"),
+        quality=QUALITY(lines="coverage"),
+    ),
+    "smooth outline, samples": case(
+        change={"outline": rj.Outline()}, outputs=("color",),
+        quality=QUALITY(lines="coverage", samples=4),
+    ),
     "outline of glass": case(
         glassy, cameras=[*CUT, BESIDE], outputs=("color",),
         change={"outline": rj.Outline(), "ambient_occlusion": rj.AmbientOcclusion(strength=0.7)},

@@ -16,8 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.outline import stage as outline_stage
+from rasterjit.effects.outline import tracing
+from rasterjit.effects.wireframe import blend_covered, blending_space, describe_lines
+from rasterjit.effects.wireframe.coverage import blend_lines
+from rasterjit.effects.wireframe.strokes import make_scratch, round_width
 from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK_UNITS, build_unprojection_matrix
-from rasterjit.pipeline.passes import Rows, rows_where
+from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.runtime.threads import split_into_bands
 from rasterjit.scene import transforms
 from rasterjit.scene.color import opaque_codes
@@ -60,17 +64,57 @@ def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint
     snap_slack = math.ldexp(SNAP_SLACK_UNITS, -geometry.viewport.subpixel_bits)
     kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
     _, min_cosine = transforms.sine_cosine(effect.crease_angle)
-    marks = context.per_view(MARKS, np.zeros(face_id.shape, np.uint8))
-    rgba = opaque_codes(effect.color).view(np.uint32)
-    target, disc = color.view(np.uint32)[:, :, 0], make_disc_rows(effect.width)
     bands = split_into_bands(face_id.shape, workers)
     shared = coverage.reversed_vertex_depth, geometry, context.placement, matrix, snap_slack, kinds
-    edges = [
-        (face_id, rows, depth, *shared, min_cosine, marks, outline_stage.make_scratch(width))
+    faces = [
+        ((face_id, rows, depth, *shared, min_cosine), outline_stage.make_scratch(width))
         for rows in bands
     ]
+    if context.plan.quality.lines == "coverage":
+        cover_edges(effect, context, faces, color)
+        return
+    marks = context.per_view(MARKS, np.zeros(face_id.shape, np.uint8))
+    rgba = opaque_codes(effect.color).view(np.uint32)
+    target, disc = color.view(np.uint32)[:, :, 0], make_disc_rows(round_width(effect.width))
+    edges = [(*arguments, marks, scratch) for arguments, scratch in faces]
     workers.run(outline_stage.find_edges, edges)
     workers.run(outline_stage.dilate_marks, [(marks, rows, disc, rgba, target) for rows in bands])
+
+
+def cover_edges(
+    effect: Outline, context: FrameContext, faces: list[tuple[Any, Any]], color: NDArray[np.uint8]
+) -> None:
+    """
+    Blend smooth outlines over the colour.
+
+    Parameters
+    ----------
+    effect : Outline
+    context : FrameContext
+    faces : list of (tuple, tuple)
+        For each band of rows, the first arguments of kernels that find edges, and scratch memory.
+    color : (H, W, 4) uint8
+        Changed where there are edges.
+    """
+    workers, twins = context.workers, context.cache.shapes.edge_twins
+    target = color.view(np.uint32)[:, :, 0]
+    empty, bands = workers.memory.empty, [arguments[1] for arguments, _ in faces]
+    crossings, area = empty((2, *target.shape), np.float32), empty(target.shape, np.float32)
+    workers.run(
+        tracing.find_crossings,
+        [(*arguments, twins, crossings, scratch) for arguments, scratch in faces],
+    )
+    half_width, width = 0.5 * effect.width, target.shape[1]
+    covered = [(rows, area[rows[0] : rows[1]]) for rows in bands]
+    workers.run(
+        tracing.cover_crossings,
+        [
+            (crossings, rows, half_width, make_scratch(len(part), width), part)
+            for rows, part in covered
+        ],
+    )
+    rgba = opaque_codes(effect.color).view(np.uint32)
+    blend_covered(covered, rgba, target, context.plan.quality, workers)
 
 
 def make_disc_rows(width: int) -> NDArray[np.int32]:
@@ -98,6 +142,7 @@ class Outlines(ScreenEffect, BatchedEffect):
     key = "k"
     joins_faces = True
     needs_facts_only = True
+    settings = ("lines",)
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why no outlines are drawn: they need faces and colour in 8 bits."""
@@ -108,7 +153,7 @@ class Outlines(ScreenEffect, BatchedEffect):
     def describe(self, facts: Facts) -> str:
         """Say which edges are drawn."""
         outline = facts.fields[self.field]
-        return f"{', '.join(outline.edges)}, {outline.width} wide"
+        return f"{', '.join(outline.edges)}, {outline.width:g} wide{describe_lines(facts.quality)}"
 
     def reads_depth(self, plan: RenderPlan) -> bool:
         """Return True: outlines read the depths around each pixel."""
@@ -116,11 +161,20 @@ class Outlines(ScreenEffect, BatchedEffect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find and draw edges."""
-        return {"overlay": rows_where("", outline_stage.find_edges, outline_stage.dilate_marks)}
+        if plan.quality.lines == "bresenham":
+            return {"overlay": rows_where("", outline_stage.find_edges, outline_stage.dilate_marks)}
+        rows = rows_where("", tracing.find_crossings, tracing.cover_crossings)
+        return {"overlay": [*rows, KernelRow(blend_lines, blending_space(plan.quality))]}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return the image of marked edges."""
-        return [("marks of outlines", 1, "uint8", plan.size)]
+        """Return the image of marked edges, or those of smooth lines."""
+        if plan.quality.lines == "bresenham":
+            return [("marks of outlines", 1, "uint8", plan.size)]
+        return [
+            ("crossings of outlines", 2, "float32", plan.size),
+            ("distances to outlines", 3, "float32", plan.size),
+            ("coverage by outlines", 1, "float32", plan.size),
+        ]
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         """Return the scene with thin outlines."""

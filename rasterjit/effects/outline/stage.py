@@ -160,6 +160,25 @@ def is_crease(difference, slope, face, other, cosine, min_cosine, faces, positio
 
 
 @helper
+def compute_cosine(s, t, m, n):
+    """Return the cosine of the angle between the normals at two pixels."""
+    return (
+        s[NORMAL, m] * t[NORMAL, n]
+        + s[NORMAL + 1, m] * t[NORMAL + 1, n]
+        + s[NORMAL + 2, m] * t[NORMAL + 2, n]
+    )
+
+
+@helper
+def is_jump(difference, s, t, m, n, slope_row):
+    """Return whether two depths differ by more than the slopes of their faces."""
+    low = min(s[slope_row, m], t[slope_row, n])
+    high = max(s[slope_row, m], t[slope_row, n])
+    slack = max(s[SLACK, m], t[SLACK, n])
+    return difference < low - slack or difference > high + slack
+
+
+@helper
 def find_edge(
     m, n, slope_row, face, other, depth, other_depth, s, t, owner, other_owner, kinds,
     min_cosine, faces, positions,
@@ -170,20 +189,13 @@ def find_edge(
         return nearer if kinds & (SILHOUETTE | OBJECT) else 0
     difference = other_depth - depth
     nearer = 1 if difference > np.float32(0.0) else -1
-    low = min(s[slope_row, m], t[slope_row, n])
-    high = max(s[slope_row, m], t[slope_row, n])
-    slack = max(s[SLACK, m], t[SLACK, n])
-    if difference < low - slack or difference > high + slack:
+    if is_jump(difference, s, t, m, n, slope_row):
         is_drawn = kinds & SILHOUETTE or (kinds & OBJECT and owner != other_owner)
         return nearer if is_drawn else 0
     if kinds & OBJECT and owner != other_owner:
         return 1 if other_owner > owner else -1
     if kinds & CREASE and owner == other_owner:
-        cosine = (
-            s[NORMAL, m] * t[NORMAL, n]
-            + s[NORMAL + 1, m] * t[NORMAL + 1, n]
-            + s[NORMAL + 2, m] * t[NORMAL + 2, n]
-        )
+        cosine = compute_cosine(s, t, m, n)
         if is_crease(
             difference, s[slope_row, m], face, other, cosine, min_cosine, faces, positions
         ):

@@ -23,6 +23,7 @@ from rasterjit.pipeline.srgb_encoding import make_encoding_table
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime.threads import Workers, fill_rows, split_range
 from rasterjit.scene.color import decoding_table, opaque_codes
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.effect import FrameContext, ModalEffect, ScreenEffect, with_field
@@ -110,7 +111,7 @@ def cover_edges(
     rgba: NDArray[np.uint8],
     color: NDArray[np.uint8],
     hidden_by: tuple[NDArray[np.int32], NDArray[np.float32]] | None,
-    light: NDArray[np.float32] | None,
+    light: NDArray[np.float32],
     workers: Workers,
 ) -> None:
     """
@@ -118,8 +119,8 @@ def cover_edges(
 
     Takes what `draw_edges` takes, and
 
-    light : (256,) float32 or None
-        Linear light of each code; ``None`` to mix codes, not light.
+    light : (256,) or (0,) float32
+        As `find_light` returns it.
     """
     depth, slack = find_occluding_depth(hidden_by, geometry, depth_coefficients, workers)
     viewport, empty = geometry.viewport, workers.memory.empty
@@ -127,7 +128,6 @@ def cover_edges(
     depths = empty((0 if hidden_by is None else len(edges), 2), np.float64)
     starts, lists = list_lines_by_band(edges, geometry, depth_coefficients, ends, depths, workers)
     target, table = color.view(np.uint32)[:, :, 0], make_encoding_table()
-    light = np.empty(0, np.float32) if light is None else light
 
     def cover_band(band: int) -> None:
         rows = band * BAND_ROWS, min((band + 1) * BAND_ROWS, viewport.height)
@@ -138,6 +138,49 @@ def cover_edges(
         line_coverage.blend_lines(coverage, rgba.view(np.uint32), light, table, pixels)
 
     workers.run(cover_band, [(band,) for band in range(len(starts) - 1)])
+
+
+def blend_covered(
+    covered: list[tuple[tuple[int, int], NDArray[np.float32]]],
+    rgba: NDArray[np.uint32],
+    target: NDArray[np.uint32],
+    quality: Quality,
+    workers: Workers,
+) -> None:
+    """
+    Blend one colour over rows of a picture by their coverage.
+
+    Parameters
+    ----------
+    covered : list of ((int, int), (R, W) float32)
+        Rows, the first and one past the last, and the share of each of their pixels.
+    rgba : (1,) uint32
+    target : (H, W) uint32
+        Written.
+    quality : Quality
+        Tells whether light or codes are mixed.
+    workers : Workers
+    """
+    light, table = find_light(quality), make_encoding_table()
+    calls = [(area, rgba, light, table, target[rows[0] : rows[1]]) for rows, area in covered]
+    workers.run(line_coverage.blend_lines, calls)
+
+
+def find_light(quality: Quality) -> NDArray[np.float32]:
+    """Return the linear light of each code, (256,), or (0,) where codes are mixed, not light."""
+    return np.empty(0, np.float32) if quality.blending == "srgb8" else decoding_table().copy()
+
+
+def blending_space(quality: Quality) -> str:
+    """Return what lines are mixed in: codes or light."""
+    return "codes" if quality.blending == "srgb8" else "light"
+
+
+def describe_lines(quality: Quality) -> str:
+    """Say that lines are smooth, and what they are mixed in; nothing if they are not smooth."""
+    if quality.lines == "bresenham":
+        return ""
+    return f", by coverage{describe_blending(quality)}"
 
 
 def list_lines_by_band(
@@ -201,10 +244,7 @@ class Edges(ScreenEffect, ModalEffect):
 
     def describe(self, facts: Facts) -> str:
         """Say how edges are drawn."""
-        mode = f"mode {facts.fields[self.field].mode}"
-        if facts.quality.lines == "bresenham":
-            return mode
-        return f"{mode}, by coverage{describe_blending(facts.quality)}"
+        return f"mode {facts.fields[self.field].mode}{describe_lines(facts.quality)}"
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the edges."""
@@ -214,13 +254,12 @@ class Edges(ScreenEffect, ModalEffect):
             rows.insert(0, KernelRow(wireframe_stage.find_pixels))
             kernels = wireframe_stage.project_edges, wireframe_stage.draw_edges
             return {"overlay": rows + [KernelRow(kernel, condition) for kernel in kernels]}
-        space = "codes" if plan.quality.blending == "srgb8" else "light"
         rows += [
             KernelRow(line_coverage.project_lines, condition),
             KernelRow(binning.start_lists),
             KernelRow(line_coverage.list_lines),
             KernelRow(line_coverage.cover_lines, condition),
-            KernelRow(line_coverage.blend_lines, space),
+            KernelRow(line_coverage.blend_lines, blending_space(plan.quality)),
         ]
         return {"overlay": rows}
 
@@ -258,8 +297,7 @@ class Edges(ScreenEffect, ModalEffect):
         if plan.quality.lines == "bresenham":
             draw_edges(*lines, workers)
             return
-        light = None if plan.quality.blending == "srgb8" else decoding_table().copy()
-        cover_edges(*lines, light, workers)
+        cover_edges(*lines, find_light(plan.quality), workers)
 
     places: ClassVar = {"overlay": draw_over}
 
