@@ -3,8 +3,8 @@ Compute the bounding box and sphere of points, and the smallest frustum around t
 
 For a frustum, points are in the axes of the camera, x to the right, y up, z towards the eye, about
 any origin. An eye at (ex, ey, ez) sees a point at the slopes (x - ex) / (ez - z) and (y - ey) /
-(ez - z). A side of the frustum, ``k * (x - ex) <= ez - z``, holds for all points if it holds for
-the one farthest along (k, 1). So two opposite sides give the nearest eye in closed form.
+(ez - z). All points are inside a plane of the frustum, ``k * (x - ex) <= ez - z``, if the one
+farthest along (k, 1) is. So two opposite planes give the nearest eye in closed form.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from rasterjit.scene.arrays import Float64
 
 Chunks = Callable[[], Iterable[tuple[Float64, Float64 | None]]]
 """
-Function that yields points block by block: positions, (N, 3), and half their sizes, (N, 1), or
-``None`` for points without sizes.
+Function that yields points block by block: positions, (N, 3), and radii, (N, 1), or ``None`` for
+points without a size, all float64 and in one space.
 """
 
 MIN_CLEARANCE = 2.0**-6
-"""Least distance of the eye from the nearest point, in radii of the scene; the width of a line seen
-from its end, or of the tip of a cone, does not keep the eye away."""
+"""Least distance of the eye from the nearest point, in radii of the scene. It matters for a line
+seen from its end, or the tip of a cone: they are so narrow that the eye would touch them."""
 
 _MAX_NEWTON_STEPS = 64
 """Largest number of Newton steps, which approach the root from below; a few are usual."""
@@ -50,23 +50,24 @@ def cache_points(chunks: Chunks) -> Chunks:
 
 def bound_points(chunks: Chunks) -> tuple[Float64, Float64]:
     """
-    Return the smallest axis-parallel box around points of given sizes.
+    Return the smallest axis-aligned box around points and their radii.
 
     Returns
     -------
     low, high : (3,) float64
+        In the space of the points.
 
     Raises
     ------
     ValueError
-        If there is no point.
+        If there is no point, or a coordinate is NaN.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     with np.errstate(over="ignore", invalid="ignore"):
-        for positions, halves in chunks():
+        for positions, radii in chunks():
             lows, highs = positions, positions
-            if halves is not None:
-                lows, highs = positions - halves, positions + halves
+            if radii is not None:
+                lows, highs = positions - radii, positions + radii
             np.minimum(low, lows.min(axis=0), out=low)
             np.maximum(high, highs.max(axis=0), out=high)
     if not (low <= high).all():
@@ -75,7 +76,7 @@ def bound_points(chunks: Chunks) -> tuple[Float64, Float64]:
 
 
 def bound_points_by_sphere(chunks: Chunks) -> tuple[Float64, float]:
-    """Return a bounding sphere: the centre of the points' box, (3,) float64, and a radius."""
+    """Return a bounding sphere: the centre of the points' box, (3,) float64, and its radius."""
     low, high = bound_points(chunks)
     with np.errstate(invalid="ignore"):
         center = low / 2.0 + high / 2.0
@@ -84,15 +85,15 @@ def bound_points_by_sphere(chunks: Chunks) -> tuple[Float64, float]:
         return center, 0.0
     largest = 0.0
     with np.errstate(over="ignore", invalid="ignore"):
-        for positions, halves in chunks():
-            # Measured in units of the box, so that squares neither overflow nor vanish.
+        for positions, radii in chunks():
+            # In units of half the box's longest side, so that squares neither overflow nor vanish.
             offset = (positions - center) / scale
             x, y, z = offset.T
             squares = x * x + y * y + z * z
-            if halves is None:
+            if radii is None:
                 largest = max(largest, math.sqrt(float(squares.max())))
             else:
-                distances = np.sqrt(squares) + halves[:, 0] / scale
+                distances = np.sqrt(squares) + radii[:, 0] / scale
                 largest = max(largest, float(distances.max()))
     return center, scale * largest
 
@@ -103,8 +104,8 @@ class PointBlock(NamedTuple):
     x: Float64
     y: Float64
     z: Float64
-    halves: Float64 | None
-    """Radius of each point; ``None``: 0."""
+    radii: Float64 | None
+    """Radius of each point, (N,); ``None`` if all are 0."""
 
 
 class AxisFit(NamedTuple):
@@ -113,8 +114,8 @@ class AxisFit(NamedTuple):
     offset: float
     """Offset of the eye from the origin along the axis."""
     slope: float
-    """Largest slope of the points, the same on both sides; half their extent for a parallel
-    camera."""
+    """Largest slope of the points, the same on both sides; for a parallel camera, half their
+    extent."""
 
 
 class ScenePoints:
@@ -150,67 +151,68 @@ class ScenePoints:
                 self._blocks = None
             elif self._blocks is not None:
                 self._blocks.append(block)
-            halves = 0.0 if block.halves is None else block.halves
-            self.nearest = max(self.nearest, float((block.z + halves).max()))
-            self.farthest = min(self.farthest, float((block.z - halves).min()))
+            radii = 0.0 if block.radii is None else block.radii
+            self.nearest = max(self.nearest, float((block.z + radii).max()))
+            self.farthest = min(self.farthest, float((block.z - radii).min()))
 
     def _project(self) -> Iterator[PointBlock]:
         """Yield the points in the camera's axes, block by block."""
-        for positions, halves in self._chunks():
+        for positions, radii in self._chunks():
             a, b, c = ((positions - self._center) / self._radius).T
             x, y, z = ((axis[0] * a + axis[1] * b) + axis[2] * c for axis in self._axes)
-            yield PointBlock(x, y, z, None if halves is None else halves[:, 0] / self._radius)
+            yield PointBlock(x, y, z, None if radii is None else radii[:, 0] / self._radius)
 
-    def max_extent_and_slope(self, axis: str, across: float, along: float) -> tuple[float, float]:
+    def find_max_extent(self, axis: str, axis_part: float, z_part: float) -> tuple[float, float]:
         """
-        Return the largest extent of the points along (across, along), and its slope by ``along``.
+        Return the largest extent of the points in a direction, and its derivative by ``z_part``.
 
         Parameters
         ----------
         axis : {"x", "y"}
             Axis of the picture.
-        across, along : float
-            Components of the direction along that axis and towards the camera.
+        axis_part, z_part : float
+            Components of the direction: along that axis, and towards the camera.
         """
-        max_extent, slope = -math.inf, 0.0
-        length = math.sqrt(across * across + along * along)
+        max_extent, derivative = -math.inf, 0.0
+        length = math.sqrt(axis_part * axis_part + z_part * z_part)
         for block in self._project() if self._blocks is None else self._blocks:
-            extents = across * (block.x if axis == "x" else block.y)
-            if along != 0.0:
-                extents += along * block.z
-            if block.halves is not None:
-                extents += length * block.halves
+            extents = axis_part * (block.x if axis == "x" else block.y)
+            if z_part != 0.0:
+                extents += z_part * block.z
+            if block.radii is not None:
+                extents += length * block.radii
             index = int(extents.argmax())
             if extents[index] > max_extent:
                 max_extent = float(extents[index])
-                slope = float(block.z[index])
-                if block.halves is not None:
-                    slope += float(block.halves[index]) * (along / length)
-        return max_extent, slope
+                derivative = float(block.z[index])
+                if block.radii is not None:
+                    derivative += float(block.radii[index]) * (z_part / length)
+        return max_extent, derivative
 
 
 def fit_perspective(
     points: ScenePoints, focal_x: float, focal_y: float
 ) -> tuple[float, tuple[AxisFit, AxisFit]]:
     """
-    Fit the eye of a pinhole so that all points fill the picture and are centred.
+    Find the nearest eye of a pinhole that sees all points, and centre them in the picture.
 
     Parameters
     ----------
     points : ScenePoints
     focal_x, focal_y : float
-        One over the largest slope of the points, for each axis.
+        One over the largest slope that is seen, for each axis.
 
     Returns
     -------
     eye_z : float
+        In radii of the scene.
     fits : (AxisFit, AxisFit)
-        Of x and y. At least one of them has the slope ``1 / focal``, unless `MIN_CLEARANCE`
+        For x and y. At least one of them has the slope ``1 / focal``, unless `MIN_CLEARANCE`
         keeps the eye away.
     """
     focals = {"x": focal_x, "y": focal_y}
     extents = {
-        axis: [points.max_extent_and_slope(axis, sign * focal, 1.0)[0] for sign in (1.0, -1.0)]
+        axis: [points.find_max_extent(axis, sign * focal, 1.0)[0] for sign in (1.0, -1.0)]
         for axis, focal in focals.items()
     }
     min_eye_z = {axis: 0.5 * (low + high) for axis, (high, low) in extents.items()}
@@ -226,27 +228,27 @@ def fit_perspective(
 
 
 def fit_parallel(points: ScenePoints) -> tuple[AxisFit, AxisFit]:
-    """Fit a parallel camera: return the middle and half extent of all points along x and y."""
+    """Return the middle and half the extent of all points along x and y."""
     fits = []
     for axis in ("x", "y"):
-        high, low = (points.max_extent_and_slope(axis, sign, 0.0)[0] for sign in (1.0, -1.0))
+        high, low = (points.find_max_extent(axis, sign, 0.0)[0] for sign in (1.0, -1.0))
         fits.append(AxisFit(0.5 * (high - low), 0.5 * (high + low)))
     return fits[0], fits[1]
 
 
 def _center_axis(points: ScenePoints, axis: str, eye_z: float, slope: float) -> AxisFit:
     """
-    Centre the points along an axis, seen from a given z.
+    Find where an eye at a given z sees the points centred along an axis; ``slope`` is a start.
 
     The slope t on both sides is the root of ``2 * t * eye_z - extent(1, t) - extent(-1, t)``, which
     is concave and grows. Newton's steps approach it from below, wherever they begin.
     """
     for step in range(_MAX_NEWTON_STEPS):
-        (high, right), (low, left) = (
-            points.max_extent_and_slope(axis, sign, slope) for sign in (1.0, -1.0)
+        (high, high_derivative), (low, low_derivative) = (
+            points.find_max_extent(axis, sign, slope) for sign in (1.0, -1.0)
         )
         residual = (high - slope * eye_z) + (low - slope * eye_z)
-        change = residual / ((eye_z - right) + (eye_z - left))
+        change = residual / ((eye_z - high_derivative) + (eye_z - low_derivative))
         if step and change <= _MIN_STEP_RATIO * slope:
             break
         slope = max(slope + change, 0.0)

@@ -218,10 +218,10 @@ class Points(Mesh):
             If no point is finite.
         """
         if self._bounds is None and self.unit == "world":
-            halves = np.broadcast_to(0.5 * self._sizes, len(self))[:, np.newaxis]
+            radii = np.broadcast_to(0.5 * self._sizes, len(self))[:, np.newaxis]
             mask = self.used_vertices()[:, np.newaxis]
             if mask.any():
-                low, high = self.vertices - halves, self.vertices + halves
+                low, high = self.vertices - radii, self.vertices + radii
                 self._bounds = (
                     low.min(axis=0, where=mask, initial=np.inf),
                     high.max(axis=0, where=mask, initial=-np.inf),

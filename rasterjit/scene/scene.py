@@ -754,9 +754,9 @@ class Scene(Guarded, PicturePreview):
         Yields
         ------
         positions : (N, 3) float64
-        halves : (N, 1) float64 or None
-            Half the size of what is drawn at each, scene units; ``None`` of faces, and of sizes in
-            pixels.
+        radii : (N, 1) float64 or None
+            Half the size of the point or line at each, scene units; ``None`` for faces, and for
+            sizes in pixels.
         """
         matrices_by_mesh: dict[Mesh, list[NDArray[np.float64]]] = {}
         for node in self.posed().nodes:
@@ -765,7 +765,7 @@ class Scene(Guarded, PicturePreview):
                 continue
             matrices_by_mesh.setdefault(node.mesh, []).append(node.world_from_model)
         for mesh, matrices in matrices_by_mesh.items():
-            used, half_sizes = mesh.used_vertices(), _half_sizes(mesh)
+            used, vertex_radii = mesh.used_vertices(), _vertex_radii(mesh)
             instance_matrices = np.concatenate(matrices).reshape(-1, 4, 4)
             scales, uses_all_vertices = _max_scales(instance_matrices), bool(used.all())
             for start in range(0, len(used), _VERTICES_PER_CHUNK):
@@ -776,14 +776,14 @@ class Scene(Guarded, PicturePreview):
                 count = max(1, _VERTICES_PER_CHUNK // max(1, len(positions)))
                 for first in range(0, len(instance_matrices) if len(positions) else 0, count):
                     chunk_matrices = instance_matrices[first : first + count]
-                    halves = None
-                    if half_sizes is not None:
-                        row = half_sizes[chunk][used[chunk]]
-                        halves = np.outer(scales[first : first + count], row).reshape(-1, 1)
-                    yield transform_instances(chunk_matrices, positions).reshape(-1, 3), halves
+                    radii = None
+                    if vertex_radii is not None:
+                        row = vertex_radii[chunk][used[chunk]]
+                        radii = np.outer(scales[first : first + count], row).reshape(-1, 1)
+                    yield transform_instances(chunk_matrices, positions).reshape(-1, 3), radii
 
 
-def _half_sizes(mesh: Mesh) -> NDArray[np.float64] | None:
+def _vertex_radii(mesh: Mesh) -> NDArray[np.float64] | None:
     """Return half the size of points or lines at each vertex, (V,) float64; None if in pixels."""
     if not isinstance(mesh, Points | Lines) or mesh.unit != "world":
         return None
@@ -791,10 +791,10 @@ def _half_sizes(mesh: Mesh) -> NDArray[np.float64] | None:
     if len(sizes) == 1 or isinstance(mesh, Points):
         return np.broadcast_to(0.5 * sizes, len(mesh.vertices))
     # At a joint, that of the widest segment.
-    max_halves = np.zeros(len(mesh.vertices))
+    max_radii = np.zeros(len(mesh.vertices))
     for end in mesh.segments.T:
-        np.maximum.at(max_halves, end, 0.5 * sizes)
-    return max_halves
+        np.maximum.at(max_radii, end, 0.5 * sizes)
+    return max_radii
 
 
 def _max_scales(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
