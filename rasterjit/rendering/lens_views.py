@@ -245,7 +245,8 @@ class _ViewArrays(NamedTuple):
 
     def rows(self, first: int, last: int) -> _ViewArrays:
         """Return views of the rows ``first .. last - 1``."""
-        return _ViewArrays(*(array[first:last] for array in self))
+        part = slice(first, last)
+        return _ViewArrays(self.picture_number[part], self.position[part], self.footprint[part])
 
 
 def find_lens_views(
