@@ -504,9 +504,8 @@ def revolved(profile: list[tuple[float, float]], steps: int = 72) -> rj.Mesh:
     return rj.Mesh(vertices.reshape(-1, 3), rows).split_creases(30.0)
 
 
-@picture
-def section(size: Size) -> Picture:
-    """A ball bearing on a hollow shaft, cut open along its axis."""
+def bearing() -> rj.Scene:
+    """Return a ball bearing on a hollow shaft."""
     across, deep = 1.3, 0.42
     bend = np.radians(np.linspace(-60.0, 60.0, 13))
     groove = [(float(deep * np.cos(one)), float(deep * np.sin(one))) for one in bend]
@@ -526,11 +525,31 @@ def section(size: Size) -> Picture:
     for number in range(9):
         place = PLACE.rotate_y(40.0 * number) @ PLACE.translate((across, 0.0, 0.0))
         scene.add(dressed(ball(), brass), place @ PLACE.scale(deep - 0.01))
+    return scene
+
+
+@picture
+def section(size: Size) -> Picture:
+    """A ball bearing on a hollow shaft, cut open along its axis."""
+    scene = bearing()
     scene.environment = replace(studio(), background=False)
     scene.section = rj.SectionPlane(
         (0, 0, 0), (0, 0, 1), cap_color="#b5483a", lines=True, line_color="#38110c"
     )
     camera = rj.PerspectiveCamera(eye=(3.2, 3.4, 6.4), target=(0.0, 0.1, -0.4), fov_y=34.0)
+    return shown(scene, camera, size, quality=SMOOTH)
+
+
+@picture
+def hatching(size: Size) -> Picture:
+    """The bearing's section, as a draughtsman hatches it."""
+    scene = bearing()
+    scene.section = rj.SectionPlane(
+        (0, 0, 0), (0, 0, 1), cap_color="parts", lines=True, line_color="#20242c",
+        hatch=max(4.0, size[0] / 64.0), hatch_color="#20242c",
+    )  # fmt: skip
+    scene.lights = [rj.AmbientLight(intensity=1.0)]
+    camera = rj.OrthographicCamera(eye=(0.0, 0.15, 9.0), target=(0.0, 0.15, 0.0), height=3.6)
     return shown(scene, camera, size, quality=SMOOTH)
 
 

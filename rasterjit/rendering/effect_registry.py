@@ -15,6 +15,7 @@ from rasterjit.effects.fog import FOG
 from rasterjit.effects.label import LABELS
 from rasterjit.effects.outline import OUTLINE
 from rasterjit.effects.section import SECTION, SECTION_LINES
+from rasterjit.effects.section.hatching import SECTION_HATCHING
 from rasterjit.effects.shadows import SHADOWS
 from rasterjit.effects.tone_map import TONE_MAPPING
 from rasterjit.effects.transmission import TRANSMISSION
@@ -59,6 +60,7 @@ EFFECTS: tuple[Effect, ...] = (
     VIGNETTE,
     OUTLINE,
     SECTION,
+    SECTION_HATCHING,
     SECTION_LINES,
     TRANSPARENCY,
     ANTIALIASING,

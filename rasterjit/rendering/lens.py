@@ -253,6 +253,10 @@ def draw_with_lens(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
         name: _finish_output(name, targets, lens_views, backdrop, workers) for name in outputs
     }
     planned_picture = planned.pictures[0]
+    cut = planned_picture.cache.cut
+    if "face_id" in outputs and cut is not None:
+        # Numbers of the scene before a section cut it.
+        result["face_id"] = cut.face_numbers[targets["face_id"]]
     placement = make_placement(planned_picture.cache.shapes.arrays, planned_picture.views)
     # Overlays that lenses support read only the faces.
     seen = seen._replace(coverage=seen.coverage._replace(face_id=targets["face_id"]))

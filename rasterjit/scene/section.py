@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -19,6 +19,13 @@ MAX_PLANES = 16
 
 MAX_LINE_WIDTH = 64
 """Largest width of section lines, pixels."""
+
+MAX_HATCH_SPACING = 1024
+"""Largest distance between the lines of a hatching, pixels."""
+
+CapColoring: TypeAlias = Literal["parts", "scalars"]
+CAP_COLORINGS: tuple[CapColoring, ...] = get_args(CapColoring)
+"""Ways to colour caps other than by one colour."""
 
 
 @suggests_replace
@@ -36,13 +43,13 @@ class SectionPlane:
     All outputs tell what is seen through the cut. A cap belongs to its object: ``object_id``,
     ``instance_id`` and ``material_id`` are those of the object, ``face_id`` is the number of all
     faces of the scene, plus ``planes * object_id + plane``; normals are the plane's, and it has no
-    ``barycentric``, ``uv``, scalars or attributes. Where solids of several objects overlap in a
-    plane, the cap of the smaller area is seen from everywhere, of equal ones that of the later
-    object; a face that lies in the plane hides all caps. What is cut away casts no shadow and hides
-    no label; labels that stand in front of a plane are left out. Points are cut by their centres.
-    A node with ``section=False`` is left whole, with all below it and their labels.
-    Where lines are cut, strips end, with caps and dashes as strips have them. What is lit at
-    vertices (``"gouraud"``) is lit at those of the cut as well.
+    ``barycentric``, ``uv`` or attributes, and scalars only if ``cap_color`` is ``"scalars"``. Where
+    solids of several objects overlap in a plane, the cap of the smaller area is seen from
+    everywhere, of equal ones that of the later object; a face that lies in the plane hides all
+    caps. What is cut away casts no shadow and hides no label; labels that stand in front of a plane
+    are left out. Points are cut by their centres. A node with ``section=False`` is left whole, with
+    all below it and their labels. Where lines are cut, strips end, with caps and dashes as strips
+    have them. What is lit at vertices (``"gouraud"``) is lit at those of the cut as well.
 
     Cameras that fit the scene, `Scene.bounds` and ``nocs`` are those of the whole scene, so that
     the view holds while a plane moves. Where a plane moves, all vertices and faces of the meshes
@@ -58,23 +65,40 @@ class SectionPlane:
         Points to the side that is cut away; of any length but 0.
     cap : bool
         Whether the cut of closed meshes is filled.
-    cap_color : colour, optional
+    cap_color : colour, "parts" or "scalars", optional
         Of the caps, opaque, or see-through where its alpha is below 1. Default: half the light of
         the object's own colour, which is one for the whole cap: the material's, times the mean of
         the colours of vertices or faces, or of those that the colour map gives to scalars.
-        Textures do not count.
+        Textures do not count. ``"parts"`` gives each object one of nine light colours in turn,
+        by its number. ``"scalars"`` continues the scalars of a mesh's vertices over its caps, with
+        their colour map and contours: a mesh says nothing of its inside, so they are spread from
+        the outline of the cut, by mean value coordinates; what is linear in space stays so. Where a
+        mesh has none, or has those of faces, its caps have the default colour.
     lines : bool
         Whether the outline of the cut is drawn over 8-bit colour, open meshes' too.
     line_color : colour
         Of these lines; they are opaque.
     line_width : int
         Pixels, 1..64.
+    hatch : float, optional
+        Distance between the lines of a hatching of the caps, pixels of the finished picture, above
+        ``hatch_width`` and at most 1024: over 8-bit colour, anti-aliased. Default: none. A point
+        of print is dpi / 72 pixels.
+    hatch_angle : float
+        Of these lines from the horizontal, degrees counter-clockwise, -360..360. Objects whose
+        boxes meet in the scene have lines turned by 90, 30, 120, 60 ... degrees against this
+        angle, the lower object number first: an object keeps its lines in all planes.
+    hatch_color : colour
+        Of these lines; they are opaque.
+    hatch_width : float
+        Pixels, above 0 and at most 64.
 
     Raises
     ------
     ValueError
         Naming the field: the point or the normal is not three finite numbers, the normal is zero,
-        a colour is not one, or a width is not a whole number of pixels in 1..64.
+        a colour is not one, a width is not a whole number of pixels in 1..64, or a hatching is out
+        of its range.
 
     Examples
     --------
@@ -86,10 +110,16 @@ class SectionPlane:
     point: VectorLike
     normal: VectorLike
     cap: bool = True
-    cap_color: Converted[ColorLike | None, RGBA | None] = Converted(None)
+    cap_color: Converted[ColorLike | CapColoring | None, RGBA | CapColoring | None] = Converted(
+        None
+    )
     lines: bool = False
     line_color: Converted[ColorLike, RGBA] = Converted("black")
     line_width: int = 2
+    hatch: float | None = None
+    hatch_angle: float = 45.0
+    hatch_color: Converted[ColorLike, RGBA] = Converted("black")
+    hatch_width: float = 1.0
 
     def __post_init__(self) -> None:
         store(self, point=check.triple("point", self.point))
@@ -103,7 +133,8 @@ class SectionPlane:
         store(self, normal=(x / size, y / size, z / size))
         for name in ("cap", "lines"):
             store(self, **{name: check.boolean(name, getattr(self, name))})
-        if self.cap_color is not None:
+        is_colored = isinstance(self.cap_color, str) and self.cap_color in CAP_COLORINGS
+        if self.cap_color is not None and not is_colored:
             store(self, cap_color=rgba("cap_color", self.cap_color))
         store(self, line_color=rgba("line_color", self.line_color))
         width = self.line_width
@@ -114,6 +145,27 @@ class SectionPlane:
                 f"{check.brief(width)}"
             )
         store(self, line_width=int(width))
+        self._check_hatch()
+
+    def _check_hatch(self) -> None:
+        """Check the fields of the hatching."""
+        angle = check.bounded_number("hatch_angle", self.hatch_angle, -360.0, 360.0)
+        width = check.positive_number("hatch_width", self.hatch_width)
+        if width > MAX_LINE_WIDTH:
+            raise ValueError(
+                f"hatch_width must be at most {MAX_LINE_WIDTH} pixels, got {self.hatch_width!r}"
+            )
+        color = rgba("hatch_color", self.hatch_color)
+        store(self, hatch_angle=angle, hatch_width=width, hatch_color=color)
+        if self.hatch is None:
+            return
+        spacing = check.positive_number("hatch", self.hatch)
+        if not width < spacing <= MAX_HATCH_SPACING:
+            raise ValueError(
+                f"hatch must be above hatch_width ({width:g}) and at most {MAX_HATCH_SPACING} "
+                f"pixels, got {self.hatch!r}"
+            )
+        store(self, hatch=spacing)
 
 
 Section: TypeAlias = SectionPlane | Sequence[SectionPlane]
@@ -133,6 +185,11 @@ def check_section(name: str, value: Any) -> SectionPlane | tuple[SectionPlane, .
     if len(value) > MAX_PLANES:
         raise ValueError(f"{name} must have at most {MAX_PLANES} planes, got {len(value)}")
     return tuple(value) or None
+
+
+def replace_planes(section: Any, **changes: Any) -> tuple[SectionPlane, ...]:
+    """Return the planes of a section, each with other values of some fields."""
+    return tuple(replace(plane, **changes) for plane in planes_in(section))
 
 
 def planes_in(section: SectionPlane | tuple[SectionPlane, ...] | None) -> tuple[SectionPlane, ...]:

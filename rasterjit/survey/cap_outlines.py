@@ -84,16 +84,23 @@ def count_net_edges(tails: Int64, heads: Int64, weights: Any) -> tuple[Int64, In
     return keys[kept] // count, keys[kept] % count, sums[kept]
 
 
-def flatten_points(points: Float64, normal: Any) -> Float64:
-    """Return points, (N, 3), on axes of the plane with a normal, (N, 2), seen from its tip."""
+def plane_axes(normal: Any) -> tuple[Any, Any]:
+    """Return two axes of the plane with a normal, at right angles and of one length."""
     x, y, z = normal
     # The coordinate axis farthest from the normal gives the first axis of the plane.
     axis_number = min(range(3), key=lambda k: abs((x, y, z)[k]))
     axis = tuple(float(k == axis_number) for k in range(3))
     across = cross(axis, (x, y, z))
-    up = cross((x, y, z), across)
+    return across, cross((x, y, z), across)
+
+
+def flatten_points(points: Float64, normal: Any) -> Float64:
+    """Return points, (N, 3), on axes of the plane with a normal, (N, 2), seen from its tip."""
     return np.stack(
-        [(a * points[:, 0] + b * points[:, 1]) + c * points[:, 2] for a, b, c in (across, up)],
+        [
+            (a * points[:, 0] + b * points[:, 1]) + c * points[:, 2]
+            for a, b, c in plane_axes(normal)
+        ],
         axis=1,
     )
 

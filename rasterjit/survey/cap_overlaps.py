@@ -46,13 +46,24 @@ class Cap(NamedTuple):
     """The cap of an object in a plane."""
 
     world: Float64
-    """(V, 3): its vertices."""
+    """(V, 3): its vertices, in the world but for `scale_caps`."""
     faces: Int64
     """(T, 3)."""
     recipe: VertexRecipe
     whole_count: int
     """Vertices of the object's mesh, from which the recipe starts."""
     area: float
+
+
+def scale_caps(caps: Sequence[Cap]) -> list[Cap]:
+    """Return caps moved and scaled together, to size 1: their areas neither overflow nor vanish."""
+    if not caps:
+        return []
+    low = np.min([cap.world.min(axis=0) for cap in caps], axis=0)
+    high = np.max([cap.world.max(axis=0) for cap in caps], axis=0)
+    size = float((high / 2.0 - low / 2.0).max()) or 1.0
+    center = low / 2.0 + high / 2.0
+    return [cap._replace(world=(cap.world - center) / size) for cap in caps]
 
 
 def resolve_overlaps(plane: SectionPlane, caps: Sequence[Cap]) -> list[Cap | str | None]:
@@ -63,23 +74,8 @@ def resolve_overlaps(plane: SectionPlane, caps: Sequence[Cap]) -> list[Cap | str
     -------
     list
         Of each cap itself if nothing covers it, another one, or ``None`` if nothing is left; a text
-        that says why it stays whole if the outlines cannot be laid over one another. Vertices of
-        others are those of the plane, of size 1 around its origin.
+        that says why it stays whole if the outlines cannot be laid over one another.
     """
-    low = np.min([cap.world.min(axis=0) for cap in caps], axis=0)
-    high = np.max([cap.world.max(axis=0) for cap in caps], axis=0)
-    # So that areas neither overflow nor vanish.
-    size = float((high / 2.0 - low / 2.0).max()) or 1.0
-    center = low / 2.0 + high / 2.0
-    scaled = [cap._replace(world=(cap.world - center) / size) for cap in caps]
-    found = _resolve(plane, scaled)
-    return [
-        cap if now is before else now for cap, before, now in zip(caps, scaled, found, strict=True)
-    ]
-
-
-def _resolve(plane: SectionPlane, caps: Sequence[Cap]) -> list[Cap | str | None]:
-    """Return what `resolve_overlaps` does, of caps around the origin."""
     flat = [flatten_points(cap.world, plane.normal) for cap in caps]
     lows = np.array([points.min(axis=0) for points in flat])
     highs = np.array([points.max(axis=0) for points in flat])
@@ -109,8 +105,8 @@ def _resolve(plane: SectionPlane, caps: Sequence[Cap]) -> list[Cap | str | None]
     return results
 
 
-class _PlaneVertices:
-    """Vertices of several caps in a plane; see `PlaneVertices`."""
+class CapVertices:
+    """Vertices of caps in a plane; see `PlaneVertices`."""
 
     def __init__(self, plane: SectionPlane, world: Float64) -> None:
         self.planes: Sequence[SectionPlane] = (plane,)
@@ -145,7 +141,7 @@ def _subtract(
         Triangles without area that close gaps beside edges of a cap, given its number.
     """
     cap, own_count = caps[0], len(caps[0].world)
-    vertices = _PlaneVertices(plane, np.concatenate([one.world for one in caps]))
+    vertices = CapVertices(plane, np.concatenate([one.world for one in caps]))
     filler = OutlineFiller(vertices, 0)
     found = filler.fill(*_overlay_outlines(caps, flat))
     if found is None:
@@ -161,7 +157,7 @@ def _subtract(
         return None, []
     used, faces = np.unique(found[is_own, :3], return_inverse=True)
     old, new = used[used < own_count], used[used >= own_count]
-    recipe, numbers = _add_points(cap.recipe, cap, points[new], flat[0])
+    recipe, numbers = add_points(cap.recipe, cap, points[new], flat[0])
     left = cap._replace(
         world=vertices.world[used], faces=faces.reshape(-1, 3).astype(np.int64),
         recipe=recipe._replace(used=np.concatenate([cap.recipe.used[old], numbers])),
@@ -180,7 +176,7 @@ def _subtract(
 def _add_slivers(plane: SectionPlane, left: Cap, cap: Cap, corners: Float64, flat: Float64) -> Cap:
     """Return what is left of a cap with more triangles, (N, 3, 3)."""
     points = corners.reshape(-1, 3)
-    recipe, numbers = _add_points(left.recipe, cap, flatten_points(points, plane.normal), flat)
+    recipe, numbers = add_points(left.recipe, cap, flatten_points(points, plane.normal), flat)
     added = len(left.world) + np.arange(len(points)).reshape(-1, 3)
     return left._replace(
         world=np.concatenate([left.world, points]),
@@ -193,17 +189,20 @@ def _overlay_outlines(caps: Sequence[Cap], flat: Sequence[Float64]) -> tuple[Int
     """Return the outlines of caps laid over one another: tails, heads, weights, (E,) each."""
     edges, first = [], 0
     for number, (cap, points) in enumerate(zip(caps, flat, strict=True)):
-        double_areas = _double_areas(points, cap.faces)
-        faces = np.where((double_areas < 0.0)[:, np.newaxis], cap.faces[:, ::-1], cap.faces)
-        faces = faces[double_areas != 0.0]
-        tails, heads, sums = count_net_edges(
-            faces.ravel(), np.roll(faces, -1, axis=1).ravel(), np.int64(1)
-        )
+        tails, heads, sums = find_outline(cap.faces, points)
         weight = number * SMALLER_WEIGHT if number else 1
         edges.append(np.stack([tails + first, heads + first, sums * weight]))
         first += len(points)
     tails, heads, sums = np.concatenate(edges, axis=1)
     return tails, heads, sums
+
+
+def find_outline(faces: Int64, flat: Float64) -> tuple[Int64, Int64, Int64]:
+    """Return what `count_net_edges` does of triangles, all seen as counter-clockwise."""
+    double_areas = _double_areas(flat, faces)
+    faces = np.where((double_areas < 0.0)[:, np.newaxis], faces[:, ::-1], faces)
+    faces = faces[double_areas != 0.0]
+    return count_net_edges(faces.ravel(), np.roll(faces, -1, axis=1).ravel(), np.int64(1))
 
 
 def _double_areas(points: Float64, faces: Int64) -> Float64:
@@ -261,7 +260,7 @@ def _cross(a: Float64, b: Float64) -> Float64:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _add_points(
+def add_points(
     recipe: VertexRecipe, cap: Cap, points: Float64, flat: Float64
 ) -> tuple[VertexRecipe, Int64]:
     """

@@ -28,19 +28,21 @@ import math
 import operator
 import weakref
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
+from rasterjit.scene.color import rgba
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import compute_area_vectors, dot_rows, unit_rows
 from rasterjit.scene.points import Points
+from rasterjit.scene.scalar_field import Field
 from rasterjit.scene.scene import Scene, with_labels
 from rasterjit.scene.section import SectionPlane, planes_in
 from rasterjit.scene.texture import UVSet
@@ -49,7 +51,8 @@ from rasterjit.scene.validation import read_only
 from rasterjit.scene.warning import REPEATED, warn_caller
 from rasterjit.survey.cache import Shapes, are_identical
 from rasterjit.survey.cap_outlines import OutlineFiller, VertexRecipe, count_net_edges
-from rasterjit.survey.cap_overlaps import Cap, resolve_overlaps
+from rasterjit.survey.cap_overlaps import Cap, resolve_overlaps, scale_caps
+from rasterjit.survey.cap_scalars import spread_scalars
 from rasterjit.survey.object_counts import find_base_color
 from rasterjit.survey.object_transforms import (
     compute_mesh_boxes,
@@ -65,6 +68,13 @@ MAX_PLANE_DISTANCE = 2.0**-46
 
 SEAM_CELL_SIZE = 2.0**-22
 """Size of the cells in which vertices of open edges are merged, relative to the coordinates."""
+
+PART_COLORS = (
+    "#77aadd", "#ee8866", "#eedd88", "#ffaabb", "#99ddff", "#44bb99", "#bbcc33", "#aaaa00",
+    "#dddddd",
+)  # fmt: skip
+"""Colours of parts in turn: Paul Tol's "light" ones, which stay apart where colours are seen less
+well, and on which black lines are seen."""
 
 CAP_SHADE = 0.5
 """Factor on an object's colour for its caps."""
@@ -127,6 +137,8 @@ class Cut(NamedTuple):
     unchanged."""
     areas: Float64
     """(O, P): area of the cap of each original object in each plane, with what others cover."""
+    hatchings: Int64
+    """(O,): of each original object a number that those it meets lack; 0 without hatching."""
 
     def original_numbers(self, face: int, new: int) -> tuple[int, int]:
         """Return the original numbers of a face and its object, given those in the cut scene."""
@@ -216,16 +228,17 @@ def cut_scene(scene: Scene) -> Scene:
     if not planes or isinstance(scene, CutScene):
         return scene
     objects = []
-    for node in scene.nodes:
+    colors = PART_COLORS if any(plane.cap_color == "parts" for plane in planes) else None
+    for number, node in enumerate(scene.nodes):
         is_cut = node._is_cut
         key = (
             node._mesh, node._world_from_model, scene.section, node._mesh._material, node.name,
-            is_cut,
+            is_cut, None if colors is None else colors[number % len(colors)],
         )  # fmt: skip
         # Other threads may replace the cache meanwhile.
         cached = node._section_cache
         if cached is None or not all(map(operator.is_, cached[0], key)):
-            cached = node._section_cache = key, _cut_object(node, planes, is_cut)
+            cached = node._section_cache = key, _cut_object(node, planes, is_cut, key[-1])
         objects.append(cached[1])
     # The first node caches the cut nodes of the scene.
     first = scene.nodes[0]
@@ -355,8 +368,31 @@ def _join_parts(
             for node, owner in zip(nodes, owners, strict=True)
         ),
         areas.reshape(-1, len(planes)),
+        _number_hatchings(scene, planes, areas),
     )
     return nodes
+
+
+def _number_hatchings(scene: Scene, planes: Sequence[SectionPlane], areas: Float64) -> Int64:
+    """Return for each object the least number that none before it has whose box it meets, (O,)."""
+    numbers = np.zeros(len(scene.nodes), np.int64)
+    owners = np.flatnonzero((areas > 0.0).any(axis=1))
+    if not len(owners) or all(plane.hatch is None for plane in planes):
+        return numbers
+    corners = np.array([_box_corners(scene.nodes[owner]) for owner in owners.tolist()])
+    lows, highs = corners.min(axis=1), corners.max(axis=1)
+    slack = MAX_PLANE_DISTANCE * np.abs(corners).max(initial=0.0)
+    for row, owner in enumerate(owners.tolist()):
+        is_apart = (lows[:row] > highs[row] + slack) | (highs[:row] < lows[row] - slack)
+        taken = set(numbers[owners[:row][~is_apart.any(axis=1)]].tolist())
+        numbers[owner] = next(number for number in range(row + 1) if number not in taken)
+    return numbers
+
+
+def _box_corners(node: Node) -> Float64:
+    """Return the corners of the box of a node's mesh, world space, (8, 3)."""
+    boxes = compute_mesh_boxes([node.mesh])
+    return transform_boxes(boxes, node.world_from_model[np.newaxis, :3])[0]
 
 
 def _separate_caps(
@@ -377,22 +413,31 @@ def _separate_caps(
             for parts in objects
             if parts.node is not None and parts.flat_faces and len(parts.flat_faces[plane])
         ]
-        if not known or len(known) + len(flat) < 2:
+        if not known:
             continue
-        found = resolve_overlaps(planes[plane], known + flat)
-        for owner, node, before, now in zip(owners, nodes, known, found, strict=False):
-            if isinstance(now, str):
-                warn_caller(
-                    f"the cap of {node.name!r} stays where others cover it: {now}", kind=REPEATED
-                )
-            elif now is None:
-                caps[owner][plane] = None
-            elif now is not before:
-                faces = _face_cut_side(node, planes[plane], now.world, now.faces)
-                caps[owner][plane] = _make_cap_node(
-                    node, planes[plane], node.mesh._whole, faces, now.recipe, node.mesh.material
-                )
+        scaled = scale_caps(known + flat)
+        found = resolve_overlaps(planes[plane], scaled) if len(scaled) > 1 else scaled
+        for owner, node, before, now in zip(owners, nodes, scaled, found, strict=False):
+            caps[owner][plane] = _change_cap(node, planes[plane], before, now)
     return caps
+
+
+def _change_cap(node: Node, plane: SectionPlane, cap: Cap, left: Cap | str | None) -> Node | None:
+    """Return a cap as `resolve_overlaps` left it, with its scalars; None if nothing is left."""
+    if left is None:
+        return None
+    if isinstance(left, str):
+        warn_caller(f"the cap of {node.name!r} stays where others cover it: {left}", kind=REPEATED)
+        left = cap
+    mesh: Any = node.mesh
+    field, values = _cap_field(mesh._whole, plane), None
+    if field is not None and cap.area > 0.0:
+        spread = spread_scalars(plane, cap, left, cap.recipe.interpolate(field.values))
+        left, values = (left, None) if spread is None else spread
+    if left is cap:
+        return node
+    faces = _face_cut_side(node, plane, left.world, left.faces)
+    return _make_cap_node(node, plane, mesh._whole, faces, left.recipe, mesh.material, values)
 
 
 def _as_cap(node: Node, faces: NDArray[Any], area: float) -> Cap:
@@ -465,12 +510,13 @@ def _signed_distances(world: Float64, planes: Sequence[SectionPlane]) -> Float64
     return np.stack(columns, axis=1)
 
 
-def _cut_object(node: Node, planes: Sequence[SectionPlane], is_cut: bool) -> CutParts:
-    """Cut an object by planes, or leave it whole."""
+def _cut_object(
+    node: Node, planes: Sequence[SectionPlane], is_cut: bool, part_color: str | None = None
+) -> CutParts:
+    """Cut an object by planes, or leave it whole; its caps may have a colour as a part."""
     mesh = node.mesh
     empty = (np.zeros((0, 2), np.int32),) * len(planes)
-    corners = transform_boxes(compute_mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
-    corner_distances = _signed_distances(corners, planes)
+    corner_distances = _signed_distances(_box_corners(node), planes)
     whole = CutParts(node, (), None, None, NO_WEIGHTS, empty)
     is_behind = (corner_distances <= 0.0).all()
     if not is_cut or (is_behind and (corner_distances != 0.0).all()):
@@ -488,7 +534,7 @@ def _cut_object(node: Node, planes: Sequence[SectionPlane], is_cut: bool) -> Cut
         return _cut_points(node, mesh, distances, empty)
     if isinstance(mesh, Lines):
         return _cut_lines(node, mesh, distances, empty)
-    return _Cutter(node, world, distances, planes).cut_all()
+    return _Cutter(node, world, distances, planes, part_color).cut_all()
 
 
 def _find_flat_faces(
@@ -589,8 +635,7 @@ def _interpolate_mesh(mesh: Any, recipe: VertexRecipe, faces: NDArray[Any], numb
         result._face_colors = read_only(mesh.face_colors[numbers])
     if mesh.field is not None:
         values = mesh.field.values[numbers] if mesh.field.of_faces else rows(mesh.field.values)
-        held = {one.name: getattr(mesh.field, one.name) for one in fields(mesh.field)}
-        result._field = type(mesh.field)(**held | {"values": read_only(values)})
+        result._field = replace(mesh.field, values=read_only(values))
     result._uv, result._uv1 = rows(mesh.uv), rows(mesh.uv1)
     result._normals = result._vertex_normals = rows(mesh.normals)
     result._tangents = rows(mesh.tangents)
@@ -683,13 +728,16 @@ class _Cutter:
     distances : (V, P) float64
         Signed distances of the vertices from the planes.
     planes : sequence of SectionPlane
+    part_color : str, optional
+        Of its caps, where a plane colours them by parts.
     """
 
     def __init__(
-        self, node: Node, world: Float64, distances: Float64, planes: Sequence[SectionPlane]
-    ) -> None:
+        self, node: Node, world: Float64, distances: Float64, planes: Sequence[SectionPlane],
+        part_color: str | None,
+    ) -> None:  # fmt: skip
         self.node, self.planes, self.mesh = node, planes, node.mesh
-        self.world, self.distances = world, distances
+        self.world, self.distances, self.part_color = world, distances, part_color
         self.is_closed, self.position_ids = _weld_and_check_closed(self.mesh)
         self.steps: list[tuple[Int64, Int64, Float64]] = []
         self.whole = np.arange(len(self.mesh.faces))
@@ -952,7 +1000,7 @@ class _Cutter:
         """
         none = np.full(len(ends), -1), np.ones(len(ends), np.int64)
         is_visible_inside = any(
-            not other.cap or (other.cap_color is not None and other.cap_color[3] < 1.0)
+            not other.cap or _shows_through(self.mesh, other)
             for number, other in enumerate(self.planes)
             if number != plane
         )
@@ -1006,7 +1054,7 @@ class _Cutter:
         corners = _face_cut_side(self.node, self.planes[plane], self.world, corners)
         used, renumbered = self._renumber([corners])
         recipe = VertexRecipe(tuple(self.steps), used)
-        material = _make_cap_material(self.mesh, self.planes[plane])
+        material = _make_cap_material(self.mesh, self.planes[plane], self.part_color)
         return _make_cap_node(
             self.node, self.planes[plane], self.mesh, renumbered[corners], recipe, material
         )
@@ -1023,13 +1071,17 @@ def _face_cut_side(node: Node, plane: SectionPlane, world: Float64, corners: Int
 
 def _make_cap_node(
     node: Node, plane: SectionPlane, whole: Mesh, faces: NDArray[Any], recipe: VertexRecipe,
-    material: Material,
+    material: Material, scalars: Float64 | None = None,
 ) -> Node:  # fmt: skip
-    """Return a cap of a mesh, its faces given, as a node."""
+    """Return a cap of a mesh as a node, given its faces, and its scalars if they are known."""
     result: Any = CutMesh.__new__(CutMesh)
     mesh = Mesh(recipe.interpolate(whole.vertices), faces, material=material, on_invalid="drop")
     result.__dict__.update(mesh.__dict__)
     result._whole, result._recipe = whole, recipe
+    field = _cap_field(whole, plane)
+    if field is not None:
+        values = recipe.interpolate(field.values) if scalars is None else scalars
+        result._field = replace(field, values=read_only(values))
     # The inverse transpose takes it to world space.
     x, y, z = plane.normal
     rows = node.world_from_model[:3, :3]
@@ -1058,19 +1110,37 @@ def _triple_products(a: Float64, b: Float64, c: Float64) -> Float64:
         )
 
 
-def _make_cap_material(mesh: Mesh, plane: SectionPlane) -> Material:
+def _cap_field(mesh: Mesh, plane: SectionPlane) -> Field | None:
+    """Return the scalars of a mesh's vertices if its caps show them."""
+    return mesh.vertex_field if plane.cap_color == "scalars" else None
+
+
+def _shows_through(mesh: Mesh, plane: SectionPlane) -> bool:
+    """Tell whether a mesh's cap is see-through somewhere."""
+    field = _cap_field(mesh, plane)
+    if field is not None:
+        return bool(field.min_alpha < np.float32(1.0))
+    return isinstance(plane.cap_color, tuple) and plane.cap_color[3] < 1.0
+
+
+def _make_cap_material(mesh: Mesh, plane: SectionPlane, part_color: str | None) -> Material:
     """Return the material of a mesh's caps."""
     material = mesh.material
-    if plane.cap_color is not None:
+    if isinstance(plane.cap_color, tuple):
         color = np.array(plane.cap_color)
+    elif plane.cap_color == "parts" and part_color is not None:
+        color = np.array(rgba("part_color", part_color))
+    elif _cap_field(mesh, plane) is not None:
+        color = np.append(find_base_color(mesh)[:3], 1.0)
     else:
         color = np.array(find_base_color(mesh), np.float64)
         for colors in (mesh.shown_vertex_colors(), mesh.face_colors):
             if colors is not None:
                 color[:3] *= [math.fsum(column) / len(colors) for column in colors[:, :3].T]
         color = np.append(np.clip(CAP_SHADE * color[:3], 0.0, 1.0), 1.0)
+    is_see_through = _shows_through(mesh, plane)
     return Material(
         shading=material.shading, base_color=tuple(color.tolist()), specular=material.specular,
         shininess=material.shininess, metallic=material.metallic, roughness=material.roughness,
-        double_sided=material.double_sided, alpha_mode="blend" if color[3] < 1.0 else "opaque",
+        double_sided=material.double_sided, alpha_mode="blend" if is_see_through else "opaque",
     )  # fmt: skip

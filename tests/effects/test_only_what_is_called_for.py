@@ -188,9 +188,11 @@ def test_every_effect_is_in_the_full_scene(told):
         size=switched_off.SIZE, outputs=("color", "linear"),
     )  # fmt: skip
     absent = {effect.name for effect in plan.effects if not effect.used}
-    # An image is no part of a scene; section lines have the kernels of outlines and wireframes.
+    # An image is no part of a scene; hatchings and section lines have the kernels of outlines and
+    # wireframes.
     assert absent == {
-        "single-sided objects", "background image", "diagnostics", "section lines",
+        "single-sided objects", "background image", "diagnostics", "section hatching",
+        "section lines",
     }  # fmt: skip
     assert told.keys() - {""} == GONE.keys() == {*switched_off.WITHOUT, "anti-aliasing"}, (
         "add a row to GONE, and one to WITHOUT in tests/support/switched_off.py"

@@ -340,6 +340,7 @@ def test_every_reason_is_spelled_out(cube, camera):
         "vignette                 out (scene.vignette is None)",
         "outline                  out (scene.outline is None)",
         "section                  out (scene.section is None)",
+        "section hatching         out (scene.section is None)",
         "section lines            out (scene.section is None)",
         "transparency             out (no material is blended)",
         "anti-aliasing            out (quality.samples is 1)",

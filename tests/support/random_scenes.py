@@ -390,6 +390,9 @@ OUT = {
     "vignette": [effect("vignette", rj.Vignette(strength=0.0))],
     "outline": [without_colors("outline")],
     "section": [effect("section", rj.SectionPlane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0)))],
+    "section hatching": [
+        effect("section", rj.SectionPlane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0), hatch=6.0))
+    ],
     "section lines": [
         effect("section", rj.SectionPlane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0), lines=True))
     ],

@@ -8,7 +8,6 @@ surfaces and by the cut solid, each pixel widened to a disc like those of outlin
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -24,7 +23,7 @@ from rasterjit.runtime.threads import split_into_bands
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.section import SectionPlane, planes_in
+from rasterjit.scene.section import SectionPlane, planes_in, replace_planes
 from rasterjit.survey.effect import FrameContext, ModalEffect, Planning, ScreenEffect, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
@@ -147,8 +146,7 @@ class SectionLines(ScreenEffect):
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene cut without lines."""
-        planes = tuple(replace(plane, lines=False) for plane in planes_in(scene.section))
-        return with_field(scene, "section", planes)
+        return with_field(scene, "section", replace_planes(scene.section, lines=False))
 
     @staticmethod
     def draw_over(
