@@ -31,7 +31,7 @@ from rasterjit.runtime import jit
 from rasterjit.runtime.threads import (
     FrameCache,
     Workers,
-    count_per_task,
+    choose_task_size,
     rows_per_task,
     split_range,
 )
@@ -248,7 +248,7 @@ def light_vertices(
     """Return the lit colours of vertices shaded by Gouraud, (V, 2, 3), zero for the others."""
     count = len(placement.positions)
     lit = np.zeros((count, 2, 3), np.float32)
-    per_task = count_per_task(count, MIN_LIT_VERTICES, workers)
+    per_task = choose_task_size(count, MIN_LIT_VERTICES, workers)
 
     def light_some(first: int, last: int) -> None:
         inputs = vertex_starts, placement, surface, lighting, effects

@@ -17,7 +17,7 @@ from rasterjit.pipeline.visibility.primitive_expansion import (
     Primitives,
     Projected,
 )
-from rasterjit.runtime.threads import Workers, count_per_task, split_range
+from rasterjit.runtime.threads import Workers, choose_task_size, split_range
 
 SEGMENTS_PER_TASK = 65536
 """Most segments that one task tessellates."""
@@ -49,7 +49,7 @@ def expand_lines(
         empty((count, 4), np.int32), empty((count, 4), np.float64), empty((count,), np.uint8), parts
     )  # fmt: skip
     per_task = min(
-        count_per_task(count, MIN_SEGMENTS_PER_TASK, workers, TASKS_PER_THREAD), SEGMENTS_PER_TASK
+        choose_task_size(count, MIN_SEGMENTS_PER_TASK, workers, TASKS_PER_THREAD), SEGMENTS_PER_TASK
     )
     tasks = split_range(count, per_task)
     # Project the segments to the screen.

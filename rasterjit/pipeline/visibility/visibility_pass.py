@@ -35,7 +35,7 @@ from rasterjit.pipeline.visibility.primitive_expansion import (
     Primitives,
     Projected,
 )
-from rasterjit.runtime.threads import FrameCache, Memory, Workers, count_per_task, split_range
+from rasterjit.runtime.threads import FrameCache, Memory, Workers, choose_task_size, split_range
 
 FACES_PER_TASK = 65536
 """Most faces set up by one task: enough to hide the cost of a task, few enough to balance."""
@@ -196,8 +196,8 @@ def transform_to_clip(
 
 
 def _choose_per_task(count: int, least: int, most: int, workers: Workers) -> int:
-    """Choose the number of items of a task: see `count_per_task`; at most ``most``."""
-    return min(count_per_task(count, least, workers, TASKS_PER_THREAD), most)
+    """Choose the number of items of a task: see `choose_task_size`; at most ``most``."""
+    return min(choose_task_size(count, least, workers, TASKS_PER_THREAD), most)
 
 
 def _convert_matrices(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
