@@ -12,7 +12,7 @@ from rasterjit.rendering.planning import RenderPlan
 from rasterjit.scene.camera import OrthographicCamera
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, Quality, differences
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.facts import explain_float64, explain_light_textures, explain_unlit
+from rasterjit.survey.facts import explain_float64, explain_linear_textures, explain_unlit
 
 TRIED_PRESETS = ("draft", "high")
 """Presets to try besides the standard and the reference, which are always drawn."""
@@ -219,7 +219,7 @@ def _explain_texture_mixing(plan: RenderPlan) -> str | None:
     """Return why no texture is mixed in codes with any setting; None if one may be."""
     if not plan.facts.shades:
         return _find_effect_reason(plan, "texture_mixing")
-    return explain_light_textures(plan.facts)
+    return explain_linear_textures(plan.facts)
 
 
 IDLE_REASONS: dict[str, Callable[[RenderPlan], str | None]] = {

@@ -569,7 +569,7 @@ def can_batch(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
 
 def _mixes_in_batches(layers: PixelLayers) -> bool:
     """Tell whether pixels have several opaque samples, or one with transparency, linear."""
-    if layers.mixes_codes or layers.samples == "area":
+    if layers.blends_srgb8 or layers.samples == "area":
         return False
     return not layers.has_blended or (layers.samples == 1 and layers.most is None)
 

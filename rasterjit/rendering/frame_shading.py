@@ -121,7 +121,7 @@ def shade_faces(
         shader = shader.with_constant_codes()
     # Shade each pixel, or resolve its several faces.
     if plan.layers is not None:
-        shade = resolve_layers.shade_codes if plan.layers.mixes_codes else resolve_layers.shade
+        shade = resolve_layers.shade_codes if plan.layers.blends_srgb8 else resolve_layers.shade
         shade(plan.layers, coverage, shader, linear, color, workers)
     elif plan.facts.draws_faces:
         shade_in_bands(coverage.face_id, shader, linear, color, workers, frame_cache)
@@ -158,7 +158,7 @@ def adjust_placement(plan: RenderPlan, placement: Placement) -> Placement:
 def find_alpha_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
     """Return the alpha tests of objects in view; ``None`` without any."""
     return (
-        cache.tables.alpha_tests(plan.facts.has_textured_holes)
+        cache.tables.alpha_tests(plan.facts.has_textured_cutouts)
         if plan.facts.needs_alpha_tests
         else None
     )
@@ -167,7 +167,7 @@ def find_alpha_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
 def find_hit_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
     """Return the tests of visible faces: alpha masks and least visible alpha; None without any."""
     facts = plan.facts
-    if not facts.discards_faint:
+    if not facts.discards_faint_fragments:
         return find_alpha_tests(plan, cache)
     tests = cache.tables.alpha_tests(facts.counts.textured["base_color_texture"] > 0)
     least = np.float32(facts.quality.visible_alpha)
@@ -190,14 +190,14 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
     return tables.surface._replace(
         normals=tables.normals if facts.shades_smoothly else None,
         textures=tables.textures if facts.needs_textures else None,
-        maps=tables.maps if facts.needs_maps else None,
+        maps=tables.maps if facts.needs_material_maps else None,
         alphas=alphas,
         microfacets=tables.microfacets if facts.needs_microfacets else None,
-        fields=tables.fields if facts.needs_fields else None,
+        fields=tables.fields if facts.needs_scalar_fields else None,
         transmission=tables.transmission if facts.transmits else None,
-        coded=tables.coded_textures if facts.reads_codes else None,
+        coded=tables.coded_textures if facts.reads_srgb8_textures else None,
         in_float32=facts.float32_objects,
-        layers=layers_in_view(tables.layers, facts) if facts.needs_layers else None,
+        layers=layers_in_view(tables.layers, facts) if facts.needs_material_layers else None,
     )
 
 
@@ -344,7 +344,7 @@ def plan_opaque_pass(plan: RenderPlan, transmission: OpaquePassEffect) -> Render
         hidden = hidden | (layers.is_blended > 0)
     if layers is not None:
         opaque = np.zeros_like(layers.is_blended)
-        layers = layers._replace(is_blended=opaque, has_blended=False, mixes_codes=False)
+        layers = layers._replace(is_blended=opaque, has_blended=False, blends_srgb8=False)
         layers = None if layers.samples == 1 else layers
     drawn = None if plan.drawn_behind is None else (plan.drawn_behind,)
 

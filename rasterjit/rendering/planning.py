@@ -211,7 +211,7 @@ def _check_supported(scene: Scene, facts: Facts) -> None:
         object_counts.check_textures(
             [node for node in scene.nodes if object_counts.may_have_holes(node.mesh)], quality
         )
-    if facts.discards_faint and contents.without_uv:
+    if facts.discards_faint_fragments and contents.without_uv:
         clear = np.flatnonzero(facts.inventory.is_see_through).tolist()
         object_counts.check_textures([scene.nodes[number] for number in clear], quality)
 

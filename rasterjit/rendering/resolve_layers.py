@@ -437,7 +437,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
     if layers is None:
         return []
     rows, kernels = shared_kernels(plan, layers), []
-    has_samples, codes = layers.samples != 1, layers.mixes_codes
+    has_samples, codes = layers.samples != 1, layers.blends_srgb8
     if layers.has_blended and codes:
         kernels = [srgb_compositing.mark_hidden, srgb_compositing.composite_codes]
         if has_samples:
@@ -470,7 +470,7 @@ def shared_kernels(plan: RenderPlan, layers: PixelLayers) -> Rows:
     opaque = "a row of tiles is opaque" if layers.has_blended else ""
     if layers.samples != "area":
         rows.append(KernelRow(coverage_resolve.list_coverage, "", opaque))
-    finish = coverage_resolve.finish_codes if layers.mixes_codes else coverage_resolve.finish_light
+    finish = coverage_resolve.finish_codes if layers.blends_srgb8 else coverage_resolve.finish_light
     return [*rows, KernelRow(finish, "", opaque)]
 
 

@@ -77,9 +77,9 @@ def list_passes(
     passes += [fixed(list_samples), *shading]
     has_linear, has_color = "linear" in outputs, "color" in outputs
     if layers is not None:
-        has_linear, has_color = not layers.mixes_codes, layers.mixes_codes
+        has_linear, has_color = not layers.blends_srgb8, layers.blends_srgb8
         if layers.samples != 1:
-            mixed = mixing_passes(needs, shown, table, effects, layers.mixes_codes, ())
+            mixed = mixing_passes(needs, shown, table, effects, layers.blends_srgb8, ())
             passes += mixed
             if not layers.has_blended:
                 return passes

@@ -191,7 +191,7 @@ def shade_faces(
     """
     plan, workers = context.plan, context.workers
     offsets = sample_offsets(plan.facts.supersamples or 1)
-    has_codes = plan.facts.mixes_codes
+    has_codes = plan.facts.blends_srgb8
     add, finish = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
     sums = accumulation.sums
     if sums is None:
@@ -236,7 +236,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
         return []
     # Where pixels show several faces, `resolve_layers` lists the last kernels.
     is_new = plan.layers is None
-    if plan.facts.mixes_codes:
+    if plan.facts.blends_srgb8:
         rows = rows_where("", srgb_compositing.add_codes, srgb_compositing.write_mean_codes)
         if is_new and "linear" in plan.outputs:
             rows.append(KernelRow(srgb_compositing.decode_rows))
@@ -324,7 +324,7 @@ def _picture_background(plan: RenderPlan) -> NDArray[np.float32]:
 
 def plan_picture(plan: RenderPlan, records: dict[str, Any]) -> RenderPlan:
     """Return the plan of one picture: linear light or codes alone, with prepared records."""
-    has_codes = plan.facts.mixes_codes
+    has_codes = plan.facts.blends_srgb8
 
     def is_of_pictures(planned: UsedEffect) -> bool:
         places = planned.effect.places

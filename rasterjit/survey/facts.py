@@ -45,10 +45,11 @@ NORMAL_OUTPUTS = ("normal", "normal_camera")
 @dataclass(frozen=True, eq=False, repr=False)
 class Facts:
     """
-    Properties of a scene and the outputs that planning depends on.
+    What planning reads: properties of the scene, the view, the outputs and the quality.
 
-    Settings of a scene are kept as given, used or not. Each picture of a frame has its own outputs,
-    and the transparency and lights of the whole frame.
+    Settings of a scene are stored as given, whether used or not. Where a frame is averaged from
+    several pictures, each has facts of its own: its outputs are its own, its transparency and
+    lights those of the whole frame.
     """
 
     outputs: tuple[str, ...]
@@ -58,11 +59,11 @@ class Facts:
     in_view: NDArray[np.bool_]
     """Whether each object may be visible, (O,)."""
     counts: ObjectCounts
-    """Counts of all objects."""
+    """Counts over all objects."""
     visible: ObjectCounts
-    """Counts of the objects in view."""
+    """Counts over the objects in view."""
     has_lights: bool
-    """Whether the scene has any light, but for its environment."""
+    """Whether the scene has any light besides its environment."""
     fields: dict[str, Any]
     """Fields of the scene for effects, by name; ``None`` for an effect that is off."""
     diagnose: bool
@@ -85,7 +86,7 @@ class Facts:
     frame_outputs: tuple[str, ...]
     """Names of the outputs of the whole frame, if these are the facts of one of its pictures."""
     reference: ReferenceShading | None = None
-    """Another program's shading to reproduce; ``None`` -> none."""
+    """Another program's shading to reproduce, if any."""
 
     def __repr__(self) -> str:
         visible, count = int(self.in_view.sum()), len(self.in_view)
@@ -98,7 +99,7 @@ class Facts:
 
     @cached_property
     def wireframe(self) -> Wireframe | None:
-        """The edges that the scene asks for."""
+        """The scene's wireframe, if any."""
         return self.fields["wireframe"]
 
     @cached_property
@@ -143,7 +144,7 @@ class Facts:
 
     @cached_property
     def has_headlight(self) -> bool:
-        """Whether the default light is used, as there is no other."""
+        """Whether the default light is used: the scene has no other."""
         return self.is_lit and not self.has_lights and self.environment is None
 
     @cached_property
@@ -172,15 +173,16 @@ class Facts:
 
     @cached_property
     def finds_faces(self) -> bool:
-        """Whether the visible face of every pixel is found: for colours, counts or a buffer."""
+        """Whether the visible face of each pixel must be found: for colours, counts or a buffer."""
         return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
 
     @cached_property
     def float32_objects(self) -> NDArray[np.uint8] | None:
         """
-        Whether vertex colours of each object are interpolated in float32, (O,); None: of none.
+        Whether each object's vertex colours are interpolated in float32, (O,); None if no object's.
 
-        Depends on each object alone; if all in view are eligible, all objects count as such.
+        Those of `Inventory.is_bare` are. If all objects in view are unlit and plain, those out of
+        view are marked as well.
         """
         quality, visible, is_bare = self.quality, self.visible, self.inventory.is_bare
         if (
@@ -195,15 +197,15 @@ class Facts:
         return (np.ones_like(is_bare) if all_eligible else is_bare).astype(np.uint8)
 
     @cached_property
-    def reads_codes(self) -> bool:
-        """Whether the texture of any object in view is read as codes."""
+    def reads_srgb8_textures(self) -> bool:
+        """Whether the texture of any object in view is mixed as 8-bit sRGB codes."""
         return self.shades and self.quality.texture_mixing == "srgb8" and self.visible.coded > 0
 
     @cached_property
     def tone_map(self) -> ToneMap | None:
-        """The tone map; None if neutral, or if no 8-bit colours are made."""
+        """The tone map; None if it changes nothing, or if no 8-bit colours are made."""
         tone_map = self.fields["tone_map"]
-        has_codes = "color" in self.frame_outputs or self.mixes_codes
+        has_codes = "color" in self.frame_outputs or self.blends_srgb8
         return None if tone_map is None or tone_map.is_neutral or not has_codes else tone_map
 
     @cached_property
@@ -213,7 +215,7 @@ class Facts:
 
     @cached_property
     def needs_diffuse_light(self) -> bool:
-        """Whether vertices are also lit without highlights, which textures do not tint."""
+        """Whether vertices are also lit without highlights: textures tint that light alone."""
         return self.is_lit and self.visible.tinted_highlights > 0
 
     @cached_property
@@ -222,7 +224,7 @@ class Facts:
         return self.finds_faces and self.visible.cut_out > 0
 
     @cached_property
-    def discards_faint(self) -> bool:
+    def discards_faint_fragments(self) -> bool:
         """Whether fragments below ``quality.visible_alpha`` are discarded."""
         is_see_through = self.inventory.is_see_through & self.in_view
         return self.finds_faces and self.quality.visible_alpha > 0.0 and bool(is_see_through.any())
@@ -230,11 +232,11 @@ class Facts:
     @cached_property
     def tests_alpha(self) -> bool:
         """Whether alpha is tested to find the nearest face."""
-        return self.needs_alpha_tests or self.discards_faint
+        return self.needs_alpha_tests or self.discards_faint_fragments
 
     @cached_property
-    def has_textured_holes(self) -> bool:
-        """Whether a texture cuts the holes of any face."""
+    def has_textured_cutouts(self) -> bool:
+        """Whether the alpha of a texture cuts holes into any face."""
         return self.visible.textured_holes > 0
 
     @cached_property
@@ -243,8 +245,8 @@ class Facts:
         return self.is_lit and self.lights.have_shadows
 
     @cached_property
-    def shades_through_holes(self) -> bool:
-        """Whether shadow maps are alpha-tested: objects out of view cast shadows as well."""
+    def alpha_tests_shadow_maps(self) -> bool:
+        """Whether shadow maps are alpha-tested; objects out of view cast shadows, too."""
         return self.casts_shadows and self.counts.cut_out > 0
 
     @cached_property
@@ -253,22 +255,22 @@ class Facts:
         return self.shades and self.visible.has_textures
 
     @cached_property
-    def needs_fields(self) -> bool:
-        """Whether colours are looked up for scalars of vertices."""
+    def needs_scalar_fields(self) -> bool:
+        """Whether scalars of vertices are looked up in colour maps."""
         return self.shades and self.visible.with_field > 0
 
     @cached_property
     def has_round_points(self) -> bool:
-        """Whether any object, in view or not, consists of discs or spheres."""
+        """Whether any object, in view or not, has points that are discs or spheres."""
         return self.counts.discs + self.counts.spheres > 0
 
     @cached_property
     def supersamples(self) -> int | None:
         """
-        Number of pictures that supersampling averages; ``None``: no supersampling.
+        Number of pictures that supersampling averages; ``None`` without supersampling.
 
-        Pixels of discs and spheres have one sample: where these are in view, 2 to 16 samples or
-        areas become pictures, 4 or 16.
+        Discs and spheres are found at one point of a pixel. Where they are in view, 2 or 4 samples
+        are replaced by 4 pictures; 8 or 16 samples, and areas, by 16.
         """
         samples = self.quality.samples
         if samples in SUPERSAMPLED:
@@ -279,7 +281,7 @@ class Facts:
 
     @cached_property
     def pictures(self) -> int:
-        """Number of pictures that are averaged, of faces or of the environment behind them."""
+        """Number of pictures that are averaged; 1 if neither face nor environment is drawn."""
         has_edges = self.shades or self.shows_environment
         samples = self.supersamples
         return samples if has_edges and samples is not None else 1
@@ -306,16 +308,16 @@ class Facts:
 
     @cached_property
     def blurs_behind(self) -> bool:
-        """Whether any object, in view or not, blurs what is behind it."""
+        """Whether any object, in view or not, is rough glass, which blurs what is behind it."""
         return self.counts.rough_glass > 0
 
     @cached_property
-    def needs_layers(self) -> bool:
+    def needs_material_layers(self) -> bool:
         """Whether a lit object has a clearcoat, sheen or custom specular."""
         return self.is_lit and self.visible.has_layers
 
     @cached_property
-    def needs_maps(self) -> bool:
+    def needs_material_maps(self) -> bool:
         """Whether material maps besides base colour are read."""
         return self.shades and self.visible.has_maps
 
@@ -327,7 +329,7 @@ class Facts:
 
     @cached_property
     def has_environment_light(self) -> bool:
-        """Whether the environment lights any visible colour."""
+        """Whether the environment lights any face in view."""
         return self.is_lit and self.environment is not None and self.environment.lights
 
     @cached_property
@@ -337,7 +339,7 @@ class Facts:
         return is_background and self.is_colored and not self.has_background
 
     @cached_property
-    def mixes_codes(self) -> bool:
+    def blends_srgb8(self) -> bool:
         """Whether colours are blended as 8-bit sRGB codes."""
         is_mixed = self.transparency.used or self.antialiases
         return is_mixed and self.quality.blending == "srgb8"
@@ -347,7 +349,7 @@ def may_fog_cover(fog: Fog | None, views: Boxes | ViewGroup) -> Any:
     """
     Tell whether fog has a density and begins before the farthest point in view.
 
-    Returns (N,) bool for a group of N views.
+    Returns a bool, or (N,) bool for a group of N views.
     """
     if fog is None or fog.density == 0.0:
         return False
@@ -369,10 +371,11 @@ def collect_facts(
     previous: Facts | None = None,
 ) -> Facts:
     """
-    Collect the facts about a scene from a camera; about lights only if anything is lit.
+    Collect the facts about a scene from a camera; lights only if anything is lit.
 
     Returns ``previous``, the facts of an earlier frame, if they still hold.
     """
+    # All but transparency and lights.
     in_view = boxes.in_view
     has_uneven_scale = not quality.renormalize and _has_uneven_scale(views, in_view, inventory)
     fields = {name: getattr(scene, name) for name in EFFECT_FIELDS}
@@ -380,7 +383,7 @@ def collect_facts(
     image = background if isinstance(background, BackgroundImage) else None
     if (
         previous is not None
-        # Objects, meshes and effective materials are the same as long as their inventory is.
+        # The same inventory means the same objects, meshes and effective materials.
         and previous.inventory is inventory
         and previous.quality is quality
         and previous.background_image is image
@@ -419,25 +422,29 @@ def collect_facts(
             frame_outputs=outputs,
             reference=scene._reference_shading,
         )
+    # Transparency.
     transparency = facts.transparency
     if facts is not previous or facts.counts.blended > 0:
         transparency = find_transparency(
             scene.nodes, facts.colors_faces, facts.counts.blended > 0, inventory.is_see_through,
             in_view,
         )  # fmt: skip
+    # Lights.
     lights = NO_LIGHTS
     if facts.is_lit and scene.lights and facts.lights.has_all(scene.lights):
         lights = facts.lights
     elif facts.is_lit and scene.lights:
-        casts = inventory.casts_shadows
         is_wall = inventory.is_wall & (cull == "none")
         meshes = [node.mesh for node in scene.nodes]
         enclosures = Enclosures(
             meshes, is_wall, views.relative_from_model, views.clip_from_relative
         )
-        lights = plan_lights(override_lights(scene.lights, quality), boxes, casts, enclosures)
-    is_same = transparency is facts.transparency or transparency.equals(facts.transparency)
-    if is_same and (lights is facts.lights or lights == facts.lights):
+        scene_lights = override_lights(scene.lights, quality)
+        lights = plan_lights(scene_lights, boxes, inventory.casts_shadows, enclosures)
+    has_same_transparency = transparency is facts.transparency or transparency.equals(
+        facts.transparency
+    )
+    if has_same_transparency and (lights is facts.lights or lights == facts.lights):
         return facts
     return replace(facts, transparency=transparency, lights=lights)
 
@@ -451,8 +458,8 @@ def _has_uneven_scale(
     views: ViewTransforms, in_view: NDArray[np.bool_], inventory: Inventory
 ) -> bool:
     """Tell whether any object in view with interpolated normals has a non-uniform scale."""
-    chosen = in_view & inventory.interpolates_normals
-    return not have_uniform_scales(views.relative_from_model[chosen]).all()
+    is_checked = in_view & inventory.interpolates_normals
+    return not have_uniform_scales(views.relative_from_model[is_checked]).all()
 
 
 def explain_unlit(facts: Facts) -> str:
@@ -463,6 +470,7 @@ def explain_unlit(facts: Facts) -> str:
 
 
 UNKNOWN_REASON = "not all that is drawn allows float32"
+"""What `explain_float64` says where it finds no other reason."""
 
 
 def explain_float64(facts: Facts) -> str | None:
@@ -488,8 +496,8 @@ def explain_float64(facts: Facts) -> str | None:
     return next((reason for holds, reason in reasons if holds), UNKNOWN_REASON)
 
 
-def explain_light_textures(facts: Facts) -> str | None:
-    """Say why no texture in view may be read as codes; None where one may."""
+def explain_linear_textures(facts: Facts) -> str | None:
+    """Say why no texture in view may be mixed as 8-bit sRGB codes; None where one may."""
     visible = facts.visible
     reasons = (
         (visible.coded > 0, None),
@@ -504,7 +512,7 @@ def explain_light_textures(facts: Facts) -> str | None:
 
 
 def explain_other_float64(facts: Facts) -> str | None:
-    """Say why other objects are interpolated in float64; None if all or no objects are."""
+    """Say why some objects are interpolated in float64 beside others in float32; else None."""
     in_float32, visible = facts.float32_objects, facts.visible
     if in_float32 is None or in_float32.all():
         return None
@@ -518,7 +526,7 @@ def explain_other_float64(facts: Facts) -> str | None:
 
 
 def describe_changed_settings(facts: Facts, *names: str) -> str:
-    """Describe which settings the quality changes from the standard, and to which values."""
+    """List the settings among ``names`` that differ from the standard, with their values."""
     values = {name: getattr(facts.quality, name) for name in names}
     return "".join(
         f"; quality.{name} is {value!r}"

@@ -151,7 +151,7 @@ class TextureRow(MaterialRow):
         if not facts.visible.has_textures:
             return "no object in view has a texture that is read"
         described = describe_counts(facts.inventory.describe_textures(facts.in_view))
-        if facts.reads_codes:
+        if facts.reads_srgb8_textures:
             described += f"; of {facts.visible.coded} unlit mixed in 8-bit codes, by float32 places"
         return described + describe_changed_settings(facts, *self.settings)
 
@@ -185,7 +185,7 @@ class AlphaMaskRow(MaterialRow):
 
     def is_in(self, facts: Facts) -> bool:
         """Tell whether holes of visible faces or shadow casters are tested."""
-        return facts.needs_alpha_tests or facts.shades_through_holes
+        return facts.needs_alpha_tests or facts.alpha_tests_shadow_maps
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say which objects have holes, or why none has."""
@@ -199,7 +199,7 @@ class AlphaMaskRow(MaterialRow):
         if seen.cut_out > 0:
             return f"{seen.cut_out} of {seen.masked} objects with a mask can have holes"
         outside = describe_count(0, contents.cut_out)
-        return f"{outside}, in shadows alone" if facts.shades_through_holes else outside
+        return f"{outside}, in shadows alone" if facts.alpha_tests_shadow_maps else outside
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with opaque materials."""

@@ -221,7 +221,7 @@ class RenderPlan(TextReport):
         return (
             facts.reference is not None
             and layers is not None
-            and layers.mixes_codes
+            and layers.blends_srgb8
             and layers.samples not in (1, "area")
             and not layers.has_blended
             and not facts.is_lit

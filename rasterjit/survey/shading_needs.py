@@ -31,27 +31,27 @@ def derive_shading_needs(
         face_colors=contents.face_colored > 0,
         some_in_float32=in_float32 is not None,
         all_in_float32=in_float32 is not None and bool(in_float32.all()),
-        some_coded=facts.reads_codes,
-        all_coded=facts.reads_codes
+        some_coded=facts.reads_srgb8_textures,
+        all_coded=facts.reads_srgb8_textures
         and seen.coded == seen.objects
         and "linear" not in facts.outputs,
-        fields=facts.needs_fields,
+        fields=facts.needs_scalar_fields,
         contours=contents.contoured > 0,
         textures=facts.needs_textures,
         mipmapped=contents.mipped > 0,
         kinds=tuple(n for n, count in enumerate(contents.textured.values()) if count),
         separate_uv_kinds=tuple(n for n, own in enumerate(facts.inventory.kinds_apart) if own),
-        maps=facts.needs_maps,
+        maps=facts.needs_material_maps,
         alphas=layers is not None and layers.has_blended,
         # `Shading` asks the viewport that it is given.
         on_faces=not samples_beside,
         microfacets=facts.needs_microfacets,
         points=facts.shades_points,
         transmission=facts.transmits,
-        layers=facts.needs_layers,
-        coats=facts.needs_layers and seen.coated > 0,
-        sheens=facts.needs_layers and seen.with_sheen > 0,
-        dielectrics=facts.needs_layers and seen.custom_specular > 0,
+        layers=facts.needs_material_layers,
+        coats=facts.needs_material_layers and seen.coated > 0,
+        sheens=facts.needs_material_layers and seen.with_sheen > 0,
+        dielectrics=facts.needs_material_layers and seen.custom_specular > 0,
     )
 
 

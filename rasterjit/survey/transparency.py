@@ -23,7 +23,7 @@ class PixelLayers(NamedTuple):
     """Samples of each pixel, or ``"area"``."""
     most: int | None = None
     """Largest number of transparent layers of a sample, nearest first; ``None`` -> all."""
-    mixes_codes: bool = False
+    blends_srgb8: bool = False
     """Whether colours are blended as 8-bit sRGB codes, not in linear light."""
     in_order: bool = False
     """Whether a face is visible through another only if it was drawn before, as in OpenGL."""
@@ -114,9 +114,9 @@ def choose_pixel_layers(
     # Of several pictures, each has one sample.
     pixel_samples = samples if antialiases else 1
     max_layers = None if quality.transparency_layers == "all" else int(quality.transparency_layers)
-    mixes_codes = quality.blending == "srgb8"
+    blends_srgb8 = quality.blending == "srgb8"
     return PixelLayers(
-        transparency.is_blended, transparency.used, pixel_samples, max_layers, mixes_codes
+        transparency.is_blended, transparency.used, pixel_samples, max_layers, blends_srgb8
     )
 
 

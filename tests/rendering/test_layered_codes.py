@@ -251,11 +251,11 @@ def test_plan_says_that_codes_are_mixed(cube, camera):
         material=rj.Material("unlit", (1, 0, 0, 0.5), alpha_mode="blend"),
     )  # fmt: skip
     plan = rj.explain(scene_of([cube, glass]), camera, rj.Quality(blending="srgb8", samples=4))
-    assert plan.layers.mixes_codes
+    assert plan.layers.blends_srgb8
     assert reason(plan, "transparency") == (True, "1 blended object, mixed in 8-bit sRGB codes")
     assert reason(plan, "anti-aliasing")[1].endswith("face and pixel, mixed in 8-bit sRGB codes")
     plan = rj.explain(scene_of([cube, glass]), camera, rj.Quality(samples=4))
-    assert not plan.layers.mixes_codes
+    assert not plan.layers.blends_srgb8
     assert "codes" not in str(plan)
 
 

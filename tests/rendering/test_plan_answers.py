@@ -66,7 +66,7 @@ def test_nothing_is_read_where_nothing_is_shaded():
     for name in ("microfacets", "normal maps", "occlusion maps", "emission"):
         assert told(name, full, outputs=("depth",)) == (False, "nothing is shaded")
     plan = rj.explain(scene_of(full), outputs=("depth",))
-    assert not plan.facts.needs_maps
+    assert not plan.facts.needs_material_maps
     assert not plan.facts.needs_microfacets
     assert not plan.facts.needs_textures
 
@@ -78,7 +78,7 @@ def test_a_texture_that_is_not_read_is_no_texture():
     )  # fmt: skip
     plan = rj.explain(scene_of(unread))
     assert not plan.facts.needs_textures
-    assert not plan.facts.needs_maps
+    assert not plan.facts.needs_material_maps
 
 
 @pytest.mark.parametrize("field", ["normal_texture", "emissive_texture", "occlusion_texture"])

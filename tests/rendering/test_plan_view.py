@@ -74,8 +74,8 @@ def test_material_out_of_view_calls_for_nothing(fields, name, reason):
     assert effects(plan)[name] == (False, reason)
     alone = rj.explain(scene_of(PLAIN), CAMERA, size=SIZE)
     for need in (
-        "needs_textures", "needs_maps", "needs_microfacets", "needs_normals", "needs_gouraud",
-        "needs_alpha_tests", "needs_diffuse_light",
+        "needs_textures", "needs_material_maps", "needs_microfacets", "needs_normals",
+        "needs_gouraud", "needs_alpha_tests", "needs_diffuse_light",
     ):  # fmt: skip
         assert getattr(plan.facts, need) == getattr(alone.facts, need), need
     assert plan.layers == alone.layers

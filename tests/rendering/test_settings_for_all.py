@@ -208,7 +208,7 @@ def test_what_a_coarser_level_does_not_read_is_not_asked_for(sphere):
     with pytest.raises(ValueError, match="normal_texture"):
         rj.explain(scene, CAMERA)
     plan = rj.explain(scene, CAMERA, rj.Quality(shading="vertex"))
-    assert not plan.facts.needs_maps
+    assert not plan.facts.needs_material_maps
     # Flat materials read them.
     with pytest.raises(ValueError, match="normal_texture"):
         rj.explain(scene, CAMERA, rj.Quality(shading="face"))

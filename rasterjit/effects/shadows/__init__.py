@@ -193,7 +193,7 @@ class ShadowMaps(ScreenEffect, BatchedEffect):
             arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
         )
         alpha_tests = None
-        if facts.shades_through_holes:
+        if facts.alpha_tests_shadow_maps:
             alpha_tests = cache.tables.alpha_tests(facts.counts.textured_holes > 0)
         cells = [visible_cells.make_depth_cells(*view) for view in seen]
         casters = maps.Casters(
@@ -211,7 +211,9 @@ class ShadowMaps(ScreenEffect, BatchedEffect):
         cast = "something casts a shadow on what is seen"
         facts = plan.facts
         drawn = visibility_pass.list_kernels(
-            visibility_pass.VisibilityOptions(), facts.shades_through_holes, facts.counts.primitives
+            visibility_pass.VisibilityOptions(),
+            facts.alpha_tests_shadow_maps,
+            facts.counts.primitives,
         )
         rows = [
             row._replace(condition=f"{cast}, {row.condition}" if row.condition else cast)
