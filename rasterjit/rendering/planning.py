@@ -24,7 +24,7 @@ from rasterjit.outputs.output_table import (
 )
 from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.fragments.fragment_bands import list_peeling_kernels
-from rasterjit.pipeline.geometry import object_boxes
+from rasterjit.pipeline.geometry import scene_placement
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import visibility_pass
@@ -285,8 +285,9 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     listed = {row[:2] for row in visibility}
     rows = [
         *(deformation.list_skinning_kernels() if plan.facts.counts.skinned else []),
-        KernelRow(object_boxes.transform_normals, "", "an object was rotated or scaled"),
-        KernelRow(object_boxes.measure_boxes),
+        KernelRow(scene_placement.transform_normals, "", "an object was rotated or scaled"),
+        KernelRow(scene_placement.place_views),
+        KernelRow(scene_placement.measure_boxes),
         *clip_planes.kernels_of(plan.camera),
         *visibility,
         *ground_truth.list_depth_kernels(plan),

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.geometry.unproject_matrix import build_unprojection_matrix
-from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import cross, dot
@@ -23,7 +22,7 @@ from rasterjit.survey.object_counts import Inventory
 from rasterjit.survey.object_transforms import (
     ObjectTransforms,
     compute_max_distance,
-    determinant_signs,
+    place_views,
     transform_boxes,
     transform_objects,
 )
@@ -137,26 +136,7 @@ def transform_to_views(
     count = len(eyes)
     relative = np.repeat(world_from_model, count // len(world_from_model), axis=0)
     relative[:, :, :3, 3] -= eyes[:, np.newaxis]
-    world_from_relative = np.tile(np.eye(4), (count, 1, 1))
-    world_from_relative[:, :3, 3] = eyes
-    view_from_relative = transforms.product_of_each(view_from_world, world_from_relative)
-    is_parallel = ~clip_from_view[:, 3, :3].any(axis=1)
-    depth_axes = np.where(
-        is_parallel[:, np.newaxis], clip_from_view[:, 2, :3], clip_from_view[:, 3, :3]
-    )
-    toward_viewer = np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))
-    with np.errstate(all="ignore"):
-        terms = clip_from_view[:, 2, :3, np.newaxis] * view_from_relative[:, :3, :3]
-        backward = -((terms[:, 0] + terms[:, 1]) + terms[:, 2])
-    toward_viewer[is_parallel, :3], toward_viewer[is_parallel, 3] = backward[is_parallel], 0.0
-    screen_axes = np.concatenate((clip_from_view[:, :2, :3], depth_axes[:, np.newaxis]), axis=1)
-    signs = determinant_signs(screen_axes) * determinant_signs(view_from_relative[:, :3, :3])
-    clip_from_relative = transforms.product_of_each(clip_from_view, view_from_relative)
-    matrices = view_from_relative, clip_from_relative
-    is_finite = np.all([np.isfinite(matrix).all(axis=(1, 2)) for matrix in matrices], axis=0)
-    return BatchTransforms(
-        relative, clip_from_relative, toward_viewer, np.where(signs < 0.0, 1, -1), is_finite
-    )
+    return BatchTransforms(relative, *place_views(eyes, view_from_world, clip_from_view))
 
 
 def compute_scene_bounds(bounds: Float64, world_from_model: Float64) -> tuple[Float64, Float64]:

@@ -7,7 +7,6 @@ objects count as in view.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -16,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.pipeline.geometry import object_boxes
+from rasterjit.pipeline.geometry import scene_placement
 from rasterjit.pipeline.geometry.depth_range import RELATIVE_ERROR
-from rasterjit.pipeline.geometry.object_boxes import (
+from rasterjit.pipeline.geometry.scene_placement import (
     CLIP_BOUNDS,
     CULLING_MARGIN,
     ENDS,
@@ -27,7 +26,6 @@ from rasterjit.pipeline.geometry.object_boxes import (
     LOW,
 )
 from rasterjit.pipeline.records import Objects
-from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
@@ -42,8 +40,6 @@ CORNER_ENDS = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)])
 KNOWN_CAMERAS = frozenset((PerspectiveCamera, OrthographicCamera, MatrixCamera))
 """Cameras whose poses are checked on construction; not subclasses."""
 
-LAST_ROW = [0.0, 0.0, 0.0, 1.0]
-"""Of an affine matrix."""
 
 MAX_AXIS_DIFFERENCE = 2.0**-12
 """Largest difference of an object's axes that counts as uniform scale: of their squared lengths,
@@ -100,11 +96,11 @@ def measure_boxes(
     clip_from_relative : (N, 4, 4) float64
     """
     shape = relative_from_model.shape[:2]
-    measures = np.empty((object_boxes.MEASURES, *shape))
-    flags, ends = np.empty((object_boxes.FLAGS, *shape), np.uint8), np.empty((shape[0], ENDS))
-    object_boxes.measure_boxes(
+    measures = np.empty((scene_placement.MEASURES, *shape))
+    flags, ends = np.empty((scene_placement.FLAGS, *shape), np.uint8), np.empty((shape[0], ENDS))
+    scene_placement.measure_boxes(
         bounds, relative_from_model, clip_from_relative, measures, flags, ends,
-        np.empty((3, object_boxes.BOX_COLUMNS)),
+        np.empty((3, scene_placement.BOX_COLUMNS)),
     )  # fmt: skip
     half_depths = measures[HALF_DEPTHS:CLIP_BOUNDS].reshape(2, 3, *shape)
     is_beside, in_view = flags.view(np.bool_)
@@ -402,18 +398,9 @@ def move_objects(
     moved_objects = ObjectTransforms(
         world_from_model, old.normal_matrices.copy(), old.mirrored.copy()
     )
-    if object_boxes.transform_normals(world_from_model, *old[:1], *moved_objects[1:]):
+    if scene_placement.transform_normals(world_from_model, *old[:1], *moved_objects[1:]):
         return moved_objects
     return old._replace(world_from_model=world_from_model)
-
-
-def determinant_signs(matrices: Float64) -> Float64:
-    """Return the sign of each 3x3 determinant, (N,), as `_determinant_sign` does of one."""
-    largest = np.abs(matrices).max(axis=2, keepdims=True)
-    with np.errstate(all="ignore"):
-        scaled = np.divide(matrices, largest, out=np.zeros_like(matrices), where=largest > 0.0)
-        (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
-        return np.sign(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
 def have_uniform_scales(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -475,78 +462,64 @@ def _add_projection(
     size: tuple[int, int], eye: Float64,
 ) -> ViewTransforms:  # fmt: skip
     """Return the transforms of objects, given the parts that do not depend on the projection."""
-    x, y, z = eye.tolist()
-    world_from_relative = [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], LAST_ROW]
-    view_from_world, is_known = camera.view_matrix(), type(camera) in KNOWN_CAMERAS
-    if not is_known:
+    view_from_world, clip_from_view = camera.view_matrix(), compute_projection(camera, size)
+    if type(camera) not in KNOWN_CAMERAS:
         view_from_world = finite_array("camera.view_matrix()", view_from_world, (4, 4))
-    view_from_world = view_from_world.tolist()
-    view_from_relative = transforms.product_of(view_from_world, world_from_relative)
-    if type(camera) is PerspectiveCamera:
-        _, clip_from_view, axes_sign = _cached_perspective(camera.frustum, size)
-    else:
-        _, clip_from_view, axes_sign = _projection_and_axes_sign(camera, size)
-    toward_viewer = np.array(LAST_ROW)
-    if not any(clip_from_view[3][:3]):
-        # A parallel projection: depth grows with clip z, away from the viewer.
-        a, b, c, _ = clip_from_view[2]
-        columns = zip(*view_from_relative[:3], strict=True)
-        toward_viewer[:3] = [-((a * x + b * y) + c * z) for x, y, z in columns][:3]
-        toward_viewer[3] = 0.0
-    # Poses of known cameras do not mirror.
-    if not is_known:
-        axes_sign *= _determinant_sign([row[:3] for row in view_from_relative[:3]])
+        clip_from_view = finite_array("camera.projection_matrix()", clip_from_view, (4, 4))
+    placed = place_views(eye[np.newaxis], np.array([view_from_world]), np.array([clip_from_view]))
+    if not placed.is_finite[0]:
+        raise ValueError(
+            "the camera's view_matrix() and projection_matrix() must have a finite product, got "
+            f"{placed.clip_from_relative[0].tolist()}"
+        )
     return ViewTransforms(
-        relative_from_model,
-        np.array(transforms.product_of(clip_from_view, view_from_relative)),
-        normal_matrices,
-        mirrored,
-        toward_viewer,
-        1 if axes_sign < 0.0 else -1,
-    )
+        relative_from_model, placed.clip_from_relative[0], normal_matrices, mirrored,
+        placed.toward_viewer[0], int(placed.screen_winding[0]),
+    )  # fmt: skip
+
+
+class PlacedViews(NamedTuple):
+    """What of N views does not depend on objects."""
+
+    clip_from_relative: Float64
+    """(N, 4, 4)."""
+    toward_viewer: Float64
+    """(N, 4)."""
+    screen_winding: NDArray[np.int64]
+    """(N,): 1 or -1."""
+    is_finite: NDArray[np.bool_]
+    """(N,): whether the matrices of a view are; `transform_to_view` refuses others."""
+
+
+def place_views(eyes: Float64, view_from_world: Float64, clip_from_view: Float64) -> PlacedViews:
+    """Place N views, given eyes, (N, 3), world space, and matrices, (N, 4, 4)."""
+    count = len(eyes)
+    world_from_relative = np.zeros((count, 4, 4))
+    world_from_relative[:] = np.eye(4)
+    world_from_relative[:, :3, 3] = eyes
+    matrices, toward_viewer = np.empty((2, count, 4, 4)), np.empty((count, 4))
+    windings = np.empty(count, np.int64)
+    scene_placement.place_views(
+        world_from_relative, view_from_world, clip_from_view, *matrices, toward_viewer, windings
+    )  # fmt: skip
+    is_finite = np.isfinite(matrices).all(axis=(0, 2, 3))
+    return PlacedViews(matrices[1], toward_viewer, windings, is_finite)
 
 
 def compute_projection(camera: Camera, size: tuple[int, int]) -> Float64:
     """Return ``camera.projection_matrix(size)``, perhaps shared: read-only."""
     if type(camera) is PerspectiveCamera:
-        return _cached_perspective(camera.frustum, size)[0]
+        return _cached_perspective(camera.frustum, size)
     if type(camera) is MatrixCamera and camera.size is None:
         return camera.clip_from_view
     return camera.projection_matrix(size)
 
 
-def _projection_and_axes_sign(
-    camera: Camera, size: tuple[int, int]
-) -> tuple[Float64, list[list[float]], float]:
-    """Return ``clip_from_view``, its rows, and the determinant's sign of the axes x, y, depth."""
-    projection = camera.projection_matrix(size)
-    matrix = finite_array("camera.projection_matrix()", projection, (4, 4))
-    clip_from_view = matrix.tolist()
-    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view)
-    axes = [*screen_axes, away if any(away) else depth_row]
-    return matrix, clip_from_view, _determinant_sign(axes)
-
-
 @lru_cache(256)
-def _cached_perspective(
-    frustum: tuple[Any, ...], size: tuple[int, int]
-) -> tuple[Float64, list[list[float]], float]:
-    """Return `_projection_and_axes_sign` of perspective cameras with a frustum, read-only."""
+def _cached_perspective(frustum: tuple[Any, ...], size: tuple[int, int]) -> Float64:
+    """Return the projection of perspective cameras with a frustum, read-only."""
     camera = PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), *frustum)
-    return _projection_and_axes_sign(camera, size)
-
-
-def _determinant_sign(rows: Sequence[Sequence[float]]) -> float:
-    """Return the sign of a 3x3 determinant; rows are scaled first, so that none overflows."""
-    scaled = []
-    for row in rows:
-        largest = max(map(abs, row))
-        if largest == 0.0:
-            return 0.0
-        scaled.append([entry / largest for entry in row])
-    (a, b, c), (d, e, f), (g, h, i) = scaled
-    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return math.copysign(1.0, determinant) if determinant != 0.0 else 0.0
+    return camera.projection_matrix(size)
 
 
 def cull_objects(

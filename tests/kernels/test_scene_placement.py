@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from rasterjit.pipeline.geometry import object_boxes
+from rasterjit.pipeline.geometry import scene_placement
 from rasterjit.scene import transforms as tf
 from rasterjit.survey.object_transforms import measure_boxes, move_objects, transform_objects
 
@@ -61,7 +61,7 @@ def test_only_what_was_turned_is_found_anew():
     for own, other in zip(found, wanted, strict=True):
         assert own.tobytes() == other.tobytes()
     results = found.normal_matrices.copy(), found.mirrored.copy()
-    count = object_boxes.transform_normals(after, known.world_from_model, *results)
+    count = scene_placement.transform_normals(after, known.world_from_model, *results)
     assert count == 300
     some = list(before[:3])
     some[1] = after[1]

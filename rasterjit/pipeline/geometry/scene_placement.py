@@ -1,7 +1,7 @@
 """
-Find the matrices that carry objects' normals, and measure their boxes against planes of views.
+Place objects and views: matrices of normals and of projections, and boxes against planes of views.
 
-These run before anything is drawn, for each view and object.
+These run before anything is drawn, for one view or for many.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state_block import float64, uint8
+from rasterjit.runtime.state_block import float64, int64, uint8
 
 CULLING_MARGIN = 2.0**-40
 """Distance beyond a plane required for culling, relative to the terms summed: far above float64's
@@ -52,18 +52,18 @@ def scale_factors(largest):
 
 
 @helper
-def is_turned_over(matrix):
-    """Tell whether a matrix, (3, 3) or larger, mirrors; rows are scaled, so that none overflows."""
-    terms = 0.0
-    x = max(abs(matrix[0, 0]), abs(matrix[0, 1]), abs(matrix[0, 2]))
-    y = max(abs(matrix[1, 0]), abs(matrix[1, 1]), abs(matrix[1, 2]))
-    z = max(abs(matrix[2, 0]), abs(matrix[2, 1]), abs(matrix[2, 2]))
-    if x > 0.0 and y > 0.0 and z > 0.0:
-        d, e, f = matrix[1, 0] / y, matrix[1, 1] / y, matrix[1, 2] / y
-        g, h, i = matrix[2, 0] / z, matrix[2, 1] / z, matrix[2, 2] / z
-        terms = (matrix[0, 0] / x) * (e * i - f * h) - (matrix[0, 1] / x) * (d * i - f * g)
-        terms += (matrix[0, 2] / x) * (d * h - e * g)
-    return terms < 0.0
+def determinant_sign(first, second, third):
+    """Return the sign of the determinant of three rows, (3,) or longer, scaled against overflow."""
+    x = max(abs(first[0]), abs(first[1]), abs(first[2]))
+    y = max(abs(second[0]), abs(second[1]), abs(second[2]))
+    z = max(abs(third[0]), abs(third[1]), abs(third[2]))
+    if not (x > 0.0 and y > 0.0 and z > 0.0):
+        return 0.0
+    d, e, f = second[0] / y, second[1] / y, second[2] / y
+    g, h, i = third[0] / z, third[1] / z, third[2] / z
+    terms = (first[0] / x) * (e * i - f * h) - (first[1] / x) * (d * i - f * g)
+    terms += (first[2] / x) * (d * h - e * g)
+    return 1.0 if terms > 0.0 else (-1.0 if terms < 0.0 else 0.0)
 
 
 @helper
@@ -135,9 +135,57 @@ def transform_normals(
                 is_changed |= world_from_model[n, i, j] != known[n, i, j]
         if is_changed:
             write_normal_matrix(world_from_model[n], normal_matrices[n])
-            mirrored[n] = -1.0 if is_turned_over(world_from_model[n]) else 1.0
+            sign = determinant_sign(
+                world_from_model[n, 0], world_from_model[n, 1], world_from_model[n, 2]
+            )
+            mirrored[n] = -1.0 if sign < 0.0 else 1.0
             count += 1
     return count
+
+
+@helper
+def multiply_matrices(a, b, product):
+    """Write the product of two matrices, (4, 4); each entry is summed left to right."""
+    for i in range(4):
+        for j in range(4):
+            product[i, j] = ((a[i, 0] * b[0, j] + a[i, 1] * b[1, j]) + a[i, 2] * b[2, j]) + (
+                a[i, 3] * b[3, j]
+            )
+
+
+@kernel
+def place_views(
+    world_from_relative: float64[:, :, ::1], view_from_world: float64[:, :, ::1],
+    clip_from_view: float64[:, :, ::1], view_from_relative: float64[:, :, ::1],
+    clip_from_relative: float64[:, :, ::1], toward_viewer: float64[:, ::1], windings: int64[::1],
+):  # fmt: skip
+    """
+    Find the matrices of N views, and where their viewers are.
+
+    Parameters
+    ----------
+    world_from_relative : (N, 4, 4) float64
+        From world axes with the origin at the eye.
+    view_from_world, clip_from_view : (N, 4, 4) float64
+    view_from_relative, clip_from_relative : (N, 4, 4) float64
+        Written; not finite where the products overflow.
+    toward_viewer : (N, 4) float64
+        Writes xyzw: a point p, relative to the eye, is seen along ``xyz - w p``.
+    windings : (N,) int64
+        Writes 1 if a view shows counter-clockwise faces counter-clockwise, -1 if it mirrors.
+    """
+    for n in range(len(windings)):
+        view, clip = view_from_relative[n], clip_from_view[n]
+        multiply_matrices(view_from_world[n], world_from_relative[n], view)
+        multiply_matrices(clip, view, clip_from_relative[n])
+        is_parallel = clip[3, 0] == 0.0 and clip[3, 1] == 0.0 and clip[3, 2] == 0.0
+        for j in range(3):
+            # In a parallel projection, depth grows with clip z, away from the viewer.
+            along = (clip[2, 0] * view[0, j] + clip[2, 1] * view[1, j]) + clip[2, 2] * view[2, j]
+            toward_viewer[n, j] = -along if is_parallel else 0.0
+        toward_viewer[n, 3] = 0.0 if is_parallel else 1.0
+        sign = determinant_sign(clip[0], clip[1], clip[2] if is_parallel else clip[3])
+        windings[n] = 1 if sign * determinant_sign(view[0], view[1], view[2]) < 0.0 else -1
 
 
 @helper
