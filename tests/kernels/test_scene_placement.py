@@ -1,4 +1,4 @@
-"""Matrices of normals have the bits of one alone; boxes are measured as their eight corners lie."""
+"""Matrices have the bits of products in Python; boxes are measured as their eight corners lie."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ import numpy as np
 
 from rasterjit.pipeline.geometry import scene_placement
 from rasterjit.scene import transforms as tf
-from rasterjit.survey.object_transforms import measure_boxes, move_objects, transform_objects
+from rasterjit.survey.object_transforms import (
+    measure_boxes,
+    move_objects,
+    place_views,
+    transform_objects,
+)
 
 
 def random_matrices(rng):
@@ -67,6 +72,32 @@ def test_only_what_was_turned_is_found_anew():
     some[1] = after[1]
     shifted = move_objects(transform_objects(list(before[:3])), some, [1])
     assert shifted.world_from_model[1].tobytes() == after[1].tobytes()
+
+
+def test_views_are_products_of_their_matrices():
+    rng, count = np.random.default_rng(8), 60
+    eyes = rng.normal(size=(count, 3)) * 10.0 ** rng.integers(-3, 8, (count, 1))
+    views = np.array([tf.rotate(rng.normal(size=3), 50.0 * k) for k in range(count)])
+    views[:, :3, 3] = rng.normal(size=(count, 3))
+    clips = np.array([tf.perspective(50.0, 1.5, 0.1, 10.0)] * count)
+    clips[::2] = tf.orthographic(-1.0, 2.0, -1.0, 1.0, 0.5, 9.0)
+    clips[::3, 0] *= -1.0  # As seen in a mirror.
+    clips[1::5, :3] *= 1e200
+    clips[4] *= 1e308
+    eyes[4] = 10.0
+    found = place_views(eyes, views, clips)
+    assert found.is_finite.tolist() == [n != 4 for n in range(count)]
+    for n in np.flatnonzero(found.is_finite).tolist():
+        relative = tf.translate(eyes[n])
+        wanted = tf.compose(clips[n], tf.compose(views[n], relative))
+        assert found.clip_from_relative[n].tolist() == wanted.tolist()
+        assert found.screen_winding[n] == (-1 if n % 3 == 0 else 1)
+        if n % 2:
+            assert found.toward_viewer[n].tolist() == [0.0, 0.0, 0.0, 1.0]
+        else:
+            away = clips[n, 2, :3] @ views[n, :3, :3]
+            assert np.allclose(found.toward_viewer[n, :3], -away, rtol=1e-12)
+            assert found.toward_viewer[n, 3] == 0.0
 
 
 def test_boxes_lie_where_their_corners_lie():
