@@ -8,14 +8,11 @@ from typing import Literal, TypeAlias, get_args
 
 from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
-from rasterjit.scene.validation import bounded_number
+from rasterjit.scene.validation import bounded_number, line_width
 
 EdgeKind: TypeAlias = Literal["silhouette", "object", "crease"]
 EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
 """Kinds of edges that an outline may follow."""
-
-MIN_WIDTH, MAX_WIDTH = 0.1, 64.0
-"""Least and largest width of a line, pixels."""
 
 
 @suggests_replace
@@ -57,7 +54,7 @@ class Outline:
 
     def __post_init__(self) -> None:
         store(self, color=rgba("color", self.color), edges=_check_edges(self.edges))
-        store(self, width=bounded_number("width", self.width, MIN_WIDTH, MAX_WIDTH))
+        store(self, width=line_width("width", self.width))
         store(self, crease_angle=bounded_number("crease_angle", self.crease_angle, 0.0, 180.0))
 
 

@@ -124,10 +124,9 @@ class Quality:
         and the base colour multiplies codes; light above 1 is cut off. Textures with mip levels,
         and all other objects, take light always.
     lines : {"bresenham", "coverage"}
-        Edges of a wireframe and outlines: whole pixels, those of a wireframe one after the other
-        between the pixels that hold the vertices; or smooth, by the area of each pixel that a line
-        covers, at any number of samples: one pixel wide between the vertices on their grid, or as
-        wide as the outline.
+        Edges of a wireframe, outlines and section lines: whole pixels, those of a wireframe one
+        after the other between the pixels that hold the vertices; or smooth, by the area of each
+        pixel that a line covers, at any number of samples.
     interpolation_precision : {"adaptive", "float64"}
         Arithmetic that finds colours between those of vertices. ``"adaptive"`` takes float32 in
         scenes of unlit objects alone, with no texture and none blended, in view or not, with 1, 64

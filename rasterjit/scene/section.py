@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, get_args
 
-import numpy as np
-
 from rasterjit.scene import validation as check
 from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
@@ -17,8 +15,8 @@ from rasterjit.scene.vectors import length
 MAX_PLANES = 16
 """Most planes of a section."""
 
-MAX_LINE_WIDTH = 64
-"""Largest width of section lines, pixels."""
+MAX_HATCH_WIDTH = 64
+"""Largest width of the lines of a hatching, pixels."""
 
 MAX_HATCH_SPACING = 1024
 """Largest distance between the lines of a hatching, pixels."""
@@ -75,11 +73,12 @@ class SectionPlane:
         the outline of the cut, by mean value coordinates; what is linear in space stays so. Where a
         mesh has none, or has those of faces, its caps have the default colour.
     lines : bool
-        Whether the outline of the cut is drawn over 8-bit colour, open meshes' too.
+        Whether the outline of the cut is drawn over 8-bit colour, open meshes' too; smooth with
+        ``Quality(lines="coverage")``, at any number of samples.
     line_color : colour
         Of these lines; they are opaque.
-    line_width : int
-        Pixels, 1..64.
+    line_width : float
+        Pixels, 0.1..64; rounded to whole pixels where lines are not smooth.
     hatch : float, optional
         Distance between the lines of a hatching of the caps, pixels of the finished picture, above
         ``hatch_width`` and at most 1024: over 8-bit colour, anti-aliased. Default: none. A point
@@ -97,8 +96,7 @@ class SectionPlane:
     ------
     ValueError
         Naming the field: the point or the normal is not three finite numbers, the normal is zero,
-        a colour is not one, a width is not a whole number of pixels in 1..64, or a hatching is out
-        of its range.
+        a colour is not one, or a width or a hatching is out of its range.
 
     Examples
     --------
@@ -115,7 +113,7 @@ class SectionPlane:
     )
     lines: bool = False
     line_color: Converted[ColorLike, RGBA] = Converted("black")
-    line_width: int = 2
+    line_width: float = 2.0
     hatch: float | None = None
     hatch_angle: float = 45.0
     hatch_color: Converted[ColorLike, RGBA] = Converted("black")
@@ -137,23 +135,16 @@ class SectionPlane:
         if self.cap_color is not None and not is_colored:
             store(self, cap_color=rgba("cap_color", self.cap_color))
         store(self, line_color=rgba("line_color", self.line_color))
-        width = self.line_width
-        is_whole = isinstance(width, (int, np.integer)) and not isinstance(width, bool)
-        if not (is_whole and 1 <= width <= MAX_LINE_WIDTH):
-            raise ValueError(
-                f"line_width must be a whole number of pixels in 1..{MAX_LINE_WIDTH}, got "
-                f"{check.brief(width)}"
-            )
-        store(self, line_width=int(width))
+        store(self, line_width=check.line_width("line_width", self.line_width))
         self._check_hatch()
 
     def _check_hatch(self) -> None:
         """Check the fields of the hatching."""
         angle = check.bounded_number("hatch_angle", self.hatch_angle, -360.0, 360.0)
         width = check.positive_number("hatch_width", self.hatch_width)
-        if width > MAX_LINE_WIDTH:
+        if width > MAX_HATCH_WIDTH:
             raise ValueError(
-                f"hatch_width must be at most {MAX_LINE_WIDTH} pixels, got {self.hatch_width!r}"
+                f"hatch_width must be at most {MAX_HATCH_WIDTH} pixels, got {self.hatch_width!r}"
             )
         color = rgba("hatch_color", self.hatch_color)
         store(self, hatch_angle=angle, hatch_width=width, hatch_color=color)

@@ -78,6 +78,15 @@ def bounded_number(name: str, value: Any, low: float, high: float) -> float:
     return number
 
 
+MIN_LINE_WIDTH, MAX_LINE_WIDTH = 0.1, 64.0
+"""Least and largest width of a line that is drawn over a picture, pixels."""
+
+
+def line_width(name: str, value: Any) -> float:
+    """Return a width of lines over a picture, pixels, or raise ``ValueError``."""
+    return bounded_number(name, value, MIN_LINE_WIDTH, MAX_LINE_WIDTH)
+
+
 def positive_number(name: str, value: Any) -> float:
     """Return ``value`` as a finite float above zero, or raise ``ValueError``."""
     number = finite_number(name, value)

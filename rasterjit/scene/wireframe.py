@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias, get_args
 
 from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
-from rasterjit.scene.validation import one_of
+from rasterjit.scene.validation import line_width, one_of
 
 WireframeMode: TypeAlias = Literal["overlay", "only"]
 WIREFRAME_MODES: tuple[WireframeMode, ...] = get_args(WireframeMode)
@@ -21,8 +21,8 @@ class Wireframe:
     Ask for the edges of every face to be drawn, over the 8-bit colour.
 
     Lines are one pixel wide, by Bresenham between the pixels that hold the vertices, or smooth with
-    ``Quality(lines="coverage")``; more samples do not change them. No other output than
-    ``"color"`` shows them.
+    ``Quality(lines="coverage")``; more samples do not change them. Lines of any other width are
+    smooth in any quality. No other output than ``"color"`` shows them.
 
     Parameters
     ----------
@@ -32,16 +32,20 @@ class Wireframe:
     mode : {"overlay", "only"}
         ``"overlay"`` draws the visible edges over the shaded faces, where any nearer face hides an
         edge, transparent or not; ``"only"`` draws every edge and no face.
+    width : float
+        Of the lines, pixels, 0.1..64.
 
     Raises
     ------
     ValueError
-        If the colour is not one or the mode is unknown.
+        If the colour is not one, the mode is unknown or the width is out of range.
     """
 
     color: Converted[ColorLike, RGBA] = Converted("black")
     mode: WireframeMode = "overlay"
+    width: float = 1.0
 
     def __post_init__(self) -> None:
         one_of("mode", self.mode, WIREFRAME_MODES)
         store(self, color=rgba("color", self.color))
+        store(self, width=line_width("width", self.width))

@@ -10,12 +10,14 @@ import sys
 import warnings
 from fractions import Fraction
 
+import naive_lines
 import numpy as np
 import pytest
 import trimesh
 
 import rasterjit as rj
 from rasterjit.effects.section import SECTION, SECTION_LINES
+from rasterjit.scene.color import decoding_table
 from rasterjit.survey import cross_sections
 from rasterjit.survey.cross_sections import cut_scene
 
@@ -821,6 +823,32 @@ def test_section_lines_are_drawn_around_the_cut():
     assert (frame.color == 255).all()
 
 
+@pytest.mark.parametrize("samples", [1, 4])
+@pytest.mark.parametrize("width", [0.7, 1.0, 3.0])
+def test_smooth_section_lines_have_the_area_that_samples_find(width, samples):
+    scene = rj.Scene()
+    shape = trimesh.creation.box((1.0, 1.0, 1.0))
+    turned = rj.transforms.rotate_z(20.0)
+    scene.add(rj.Mesh(shape.vertices, shape.faces, material=rj.Material("unlit", "white")), turned)
+    scene.section = rj.SectionPlane(
+        (0, 0, 0.1), (0, 0, 1), cap_color="white", lines=True, line_color="red", line_width=width
+    )
+    camera = rj.OrthographicCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), height=2.0)
+    quality = rj.Quality(lines="coverage", samples=samples)
+    frame = rj.render(scene, camera, size=(60, 60), quality=quality, background="white")
+    assert f"{width:g} wide, by coverage" in str(frame.plan)
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.5 @ turned[:2, :2].T
+    corners = corners * (30, -30) + 30
+    want = naive_lines.stroke_shares(
+        np.concatenate([corners, np.roll(corners, 1, axis=0)], axis=1), width / 2, (60, 60)
+    )
+    found = 1.0 - decoding_table()[frame.color[..., 1]]
+    rows, columns = np.mgrid[:60, :60] + 0.5
+    away = np.hypot(columns[None] - corners[:, 0, None, None], rows - corners[:, 1, None, None])
+    assert np.abs(found - want)[(away > 1.5 + width).all(axis=0)].max() < 0.07
+    assert found.sum() == pytest.approx(want.sum(), rel=0.02)
+
+
 def test_lines_are_hidden_by_what_is_nearer():
     scene = rj.Scene()
     scene.add(ball(material=rj.Material("unlit", "white")))
@@ -852,10 +880,12 @@ def test_lines_behind_the_silhouette_of_their_solid_are_hidden(side, order):
         (0, 0, 0), (0, 0, 1), lines=True, line_color="red", line_width=1
     )
     camera = rj.OrthographicCamera((0.0, 1.0, -5.0), (0.0, 0.0, 0.0), height=3.2)
-    red = red_pixels(shown(scene, camera, size=(160, 160), background="white"))
-    assert red[:30].sum() > 50
-    # The rim around the hole ends at row 110.
-    assert not red[131:].any()
+    for quality in (rj.Quality(), rj.Quality(lines="coverage")):
+        frame = rj.render(scene, camera, size=(160, 160), background="white", quality=quality)
+        red = frame.color[..., 1] < 200
+        assert red[:30].sum() > 50
+        # The rim around the hole ends at row 110.
+        assert not red[131:].any()
 
 
 def test_lines_are_seen_from_inside_of_their_solid():
@@ -1036,8 +1066,8 @@ def test_parts_of_a_picture_are_those_of_the_whole():
         ({"lines": 2}, "lines must be True or False"),
         ({"line_color": "no colour"}, "line_color"),
         ({"line_width": 0}, "line_width"),
-        ({"line_width": 1.5}, "line_width"),
-        ({"line_width": True}, "line_width"),
+        ({"line_width": 64.5}, "line_width must be in 0.1..64, got 64.5"),
+        ({"line_width": "wide"}, "line_width must be a number"),
     ],
 )
 def test_bad_planes_are_named(fields, match):

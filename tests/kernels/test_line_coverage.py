@@ -415,6 +415,6 @@ def test_no_edges_draw_nothing():
     color = np.full((70, 16, 4), 9, np.uint8)
     wireframe.cover_edges(
         np.zeros((0, 2), np.int32), geometry, (1.0, 0.0, 0.0), np.full(4, 255, np.uint8), color,
-        None, decoding_table().copy(), sharing.Workers(1),
+        None, 1.0, decoding_table().copy(), sharing.Workers(1),
     )  # fmt: skip
     assert (color == 9).all()

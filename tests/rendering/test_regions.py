@@ -66,7 +66,7 @@ def scene_with(*parts):
     if "environment" in parts:
         scene.environment = rj.Environment.gradient()
     if "wireframe" in parts:
-        scene.wireframe = rj.Wireframe()
+        scene.wireframe = rj.Wireframe(width=3.5 if "wide" in parts else 1.0)
     return scene
 
 
@@ -116,6 +116,7 @@ def assert_same_bits(scene, quality, **options):
         ("glass shadow", {"samples": 64}),
         ("wireframe", {"lines": "bresenham"}),
         ("wireframe", {"lines": "coverage"}),
+        ("wide wireframe", {}),
     ],
     ids=str,
 )

@@ -153,7 +153,8 @@ class Outlines(ScreenEffect, BatchedEffect):
     def describe(self, facts: Facts) -> str:
         """Say which edges are drawn."""
         outline = facts.fields[self.field]
-        return f"{', '.join(outline.edges)}, {outline.width:g} wide{describe_lines(facts.quality)}"
+        smooth = describe_lines(facts.quality, facts.quality.lines == "coverage")
+        return f"{', '.join(outline.edges)}, {outline.width:g} wide{smooth}"
 
     def reads_depth(self, plan: RenderPlan) -> bool:
         """Return True: outlines read the depths around each pixel."""

@@ -8,6 +8,7 @@ surfaces and by the cut solid, each pixel widened to a disc like those of outlin
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -15,8 +16,15 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.outline import make_disc_rows
 from rasterjit.effects.outline.stage import dilate_marks
-from rasterjit.effects.wireframe import draw_edges
+from rasterjit.effects.wireframe import (
+    cover_edges,
+    describe_lines,
+    draw_edges,
+    find_light,
+    list_smooth_rows,
+)
 from rasterjit.effects.wireframe import stage as wireframe_stage
+from rasterjit.effects.wireframe.strokes import round_width
 from rasterjit.pipeline.geometry.setup import NEAR
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.runtime.threads import split_into_bands
@@ -93,6 +101,7 @@ class SectionLines(ScreenEffect):
     field = "section"
     reads_clip_positions = True
     needs_facts_only = True
+    settings = ("lines",)
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why no lines are drawn: they need faces and colour in 8 bits."""
@@ -110,8 +119,9 @@ class SectionLines(ScreenEffect):
     def describe(self, facts: Facts) -> str:
         """Say the widths of the lines."""
         planes = planes_in(facts.fields[self.field])
-        widths = [f"{plane.line_width}" for plane in planes if plane.lines]
-        return f"{', '.join(dict.fromkeys(widths))} wide"
+        widths = [f"{plane.line_width:g}" for plane in planes if plane.lines]
+        smooth = describe_lines(facts.quality, facts.quality.lines == "coverage")
+        return f"{', '.join(dict.fromkeys(widths))} wide{smooth}"
 
     def refusal(self) -> str:
         """Say what the scene must have where lines cannot be drawn."""
@@ -122,12 +132,17 @@ class SectionLines(ScreenEffect):
         return True
 
     def read_radius(self, data: tuple[SectionPlane, ...]) -> int:
-        """Return the largest width of a line, pixels."""
-        return max(plane.line_width for plane in data if plane.lines)
+        """Return the largest width of a line, whole pixels."""
+        return max(math.ceil(plane.line_width) for plane in data if plane.lines)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw lines."""
         hiding = "hidden lines removed"
+        if plan.quality.lines == "coverage":
+            planes = planes_in(plan.facts.fields[self.field])
+            widths = [plane.line_width for plane in planes if plane.lines]
+            slack = rows_where("", wireframe_stage.fill_slack)
+            return {"overlay": slack + list_smooth_rows(widths, hiding, plan.quality)}
         return {
             "overlay": [
                 *rows_where("", wireframe_stage.find_pixels, wireframe_stage.fill_slack),
@@ -139,10 +154,10 @@ class SectionLines(ScreenEffect):
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return the images of slack and of marked lines."""
-        return [
-            ("slack of hidden lines", 1, "float32", plan.size),
-            ("marks of section lines", 4, "uint8", plan.size),
-        ]
+        slack = "slack of hidden lines", 1, "float32", plan.size
+        if plan.quality.lines == "coverage":
+            return [slack]
+        return [slack, ("marks of section lines", 4, "uint8", plan.size)]
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene cut without lines."""
@@ -166,11 +181,17 @@ class SectionLines(ScreenEffect):
             if plan.cull != "front":
                 is_behind = _are_behind_solids(plane, edges, cut.sides[number], context)
                 edges = np.ascontiguousarray(edges[~is_behind])
+            width, rgba = plane.line_width, opaque_codes(plane.line_color)
+            seen = edges, geometry, coefficients
+            if plan.quality.lines == "coverage":
+                light = find_light(plan.quality)
+                cover_edges(*seen, rgba, color, hidden_by, width, light, workers)
+                continue
             canvas = np.zeros(color.shape, np.uint8)
-            draw_edges(edges, geometry, coefficients, MARK_RGBA, canvas, hidden_by, workers)
-            marks, disc = canvas[:, :, 0].copy(), make_disc_rows(plane.line_width)
-            rgba = opaque_codes(plane.line_color).view(np.uint32)
-            workers.run(dilate_marks, [(marks, rows, disc, rgba, target) for rows in bands])
+            draw_edges(*seen, MARK_RGBA, canvas, hidden_by, workers)
+            marks, disc = canvas[:, :, 0].copy(), make_disc_rows(round_width(width))
+            code = rgba.view(np.uint32)
+            workers.run(dilate_marks, [(marks, rows, disc, code, target) for rows in bands])
 
     places: ClassVar = {"overlay": draw_over}
 

@@ -7,6 +7,7 @@ with hidden lines removed, or alone. Each edge is drawn once, whichever faces sh
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import ClassVar
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.wireframe import coverage as line_coverage
 from rasterjit.effects.wireframe import stage as wireframe_stage
+from rasterjit.effects.wireframe import strokes
 from rasterjit.effects.wireframe.coverage import BAND_ROWS
 from rasterjit.pipeline.geometry import binning
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
@@ -111,6 +113,7 @@ def cover_edges(
     rgba: NDArray[np.uint8],
     color: NDArray[np.uint8],
     hidden_by: tuple[NDArray[np.int32], NDArray[np.float32]] | None,
+    width: float,
     light: NDArray[np.float32],
     workers: Workers,
 ) -> None:
@@ -119,6 +122,8 @@ def cover_edges(
 
     Takes what `draw_edges` takes, and
 
+    width : float
+        Of the lines, pixels. Those of one pixel have flat ends, all others round ones.
     light : (256,) or (0,) float32
         As `find_light` returns it.
     """
@@ -126,14 +131,23 @@ def cover_edges(
     viewport, empty = geometry.viewport, workers.memory.empty
     ends = empty((len(edges), 4), np.int32)
     depths = empty((0 if hidden_by is None else len(edges), 2), np.float64)
-    starts, lists = list_lines_by_band(edges, geometry, depth_coefficients, ends, depths, workers)
+    # A line of one pixel reaches less than that beyond its ends.
+    pixels = 1 if width == 1.0 else math.ceil(0.5 * width + strokes.REACH_PX)
+    starts, lists = list_lines_by_band(
+        edges, geometry, depth_coefficients, pixels << viewport.grid_bits, ends, depths, workers
+    )
     target, table = color.view(np.uint32)[:, :, 0], make_encoding_table()
 
     def cover_band(band: int) -> None:
         rows = band * BAND_ROWS, min((band + 1) * BAND_ROWS, viewport.height)
         band_lines = lists[starts[band] : starts[band + 1]]
         coverage = empty((rows[1] - rows[0], viewport.width), np.float32)
-        line_coverage.cover_lines(band_lines, ends, depths, rows, viewport, depth, slack, coverage)
+        lines = band_lines, ends, depths, rows, viewport, depth, slack
+        if width == 1.0:
+            line_coverage.cover_lines(*lines, coverage)
+        else:
+            nearest = strokes.make_scratch(len(coverage), viewport.width)
+            strokes.stroke_lines(*lines, 0.5 * width, nearest, coverage)
         pixels = target[rows[0] : rows[1]]
         line_coverage.blend_lines(coverage, rgba.view(np.uint32), light, table, pixels)
 
@@ -176,23 +190,29 @@ def blending_space(quality: Quality) -> str:
     return "codes" if quality.blending == "srgb8" else "light"
 
 
-def describe_lines(quality: Quality) -> str:
+def is_smooth(wireframe: Wireframe, quality: Quality) -> bool:
+    """Tell whether edges are blended by coverage: as asked for, or not one pixel wide."""
+    return quality.lines == "coverage" or wireframe.width != 1.0
+
+
+def describe_lines(quality: Quality, is_smooth: bool) -> str:
     """Say that lines are smooth, and what they are mixed in; nothing if they are not smooth."""
-    if quality.lines == "bresenham":
-        return ""
-    return f", by coverage{describe_blending(quality)}"
+    return f", by coverage{describe_blending(quality)}" if is_smooth else ""
 
 
 def list_lines_by_band(
     edges: NDArray[np.int32],
     geometry: Geometry,
     depth_coefficients: tuple[float, float, float],
+    reach: int,
     ends: NDArray[np.int32],
     depths: NDArray[np.float64],
     workers: Workers,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """
     Project edges and list them by the bands of rows that they may touch.
+
+    They reach ``reach`` units of the sub-pixel grid beyond their ends at most.
 
     Writes ends and depths as ``coverage.project_lines`` does; returns the start of each band's
     list, (bands + 1,), and the lists, numbers of lines.
@@ -205,8 +225,8 @@ def list_lines_by_band(
         line_coverage.project_lines,
         [
             (
-                edges[first : first + EDGES_PER_TASK], first, geometry, depth_coefficients, ends,
-                depths, counts[n],
+                edges[first : first + EDGES_PER_TASK], first, geometry, depth_coefficients, reach,
+                ends, depths, counts[n],
             )
             for n, first in enumerate(firsts)
         ],
@@ -217,11 +237,24 @@ def list_lines_by_band(
     workers.run(
         line_coverage.list_lines,
         [
-            ((first, first + lines[n]), ends, viewport, cursors[n], lists)
+            ((first, first + lines[n]), ends, reach, viewport, cursors[n], lists)
             for n, first in enumerate(firsts)
         ],
     )
     return starts, lists
+
+
+def list_smooth_rows(widths: list[float], condition: str, quality: Quality) -> list[KernelRow]:
+    """Return the kernels that `cover_edges` calls for lines of some widths."""
+    kernels = {1.0: line_coverage.cover_lines}
+    covering = dict.fromkeys(kernels.get(width, strokes.stroke_lines) for width in widths)
+    return [
+        KernelRow(line_coverage.project_lines, condition),
+        KernelRow(binning.start_lists),
+        KernelRow(line_coverage.list_lines),
+        *(KernelRow(kernel, condition) for kernel in covering),
+        KernelRow(line_coverage.blend_lines, blending_space(quality)),
+    ]
 
 
 class Edges(ScreenEffect, ModalEffect):
@@ -244,24 +277,21 @@ class Edges(ScreenEffect, ModalEffect):
 
     def describe(self, facts: Facts) -> str:
         """Say how edges are drawn."""
-        return f"mode {facts.fields[self.field].mode}{describe_lines(facts.quality)}"
+        wireframe = facts.fields[self.field]
+        width = "" if wireframe.width == 1.0 else f", {wireframe.width:g} wide"
+        smooth = describe_lines(facts.quality, is_smooth(wireframe, facts.quality))
+        return f"mode {wireframe.mode}{width}{smooth}"
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the edges."""
         condition = "hidden lines removed" if plan.facts.draws_faces else ""
         rows = rows_where("", wireframe_stage.fill_slack) if plan.facts.draws_faces else []
-        if plan.quality.lines == "bresenham":
-            rows.insert(0, KernelRow(wireframe_stage.find_pixels))
-            kernels = wireframe_stage.project_edges, wireframe_stage.draw_edges
-            return {"overlay": rows + [KernelRow(kernel, condition) for kernel in kernels]}
-        rows += [
-            KernelRow(line_coverage.project_lines, condition),
-            KernelRow(binning.start_lists),
-            KernelRow(line_coverage.list_lines),
-            KernelRow(line_coverage.cover_lines, condition),
-            KernelRow(line_coverage.blend_lines, blending_space(plan.quality)),
-        ]
-        return {"overlay": rows}
+        wireframe = plan.facts.fields[self.field]
+        if is_smooth(wireframe, plan.quality):
+            return {"overlay": rows + list_smooth_rows([wireframe.width], condition, plan.quality)}
+        rows.insert(0, KernelRow(wireframe_stage.find_pixels))
+        kernels = wireframe_stage.project_edges, wireframe_stage.draw_edges
+        return {"overlay": rows + [KernelRow(kernel, condition) for kernel in kernels]}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return the image of slacks."""
@@ -294,10 +324,10 @@ class Edges(ScreenEffect, ModalEffect):
         coefficients = plan.camera.depth_coefficients()
         rgba = opaque_codes(wireframe.color)
         lines = cache.edges, geometry, coefficients, rgba, color, hidden_by
-        if plan.quality.lines == "bresenham":
+        if is_smooth(wireframe, plan.quality):
+            cover_edges(*lines, wireframe.width, find_light(plan.quality), workers)
+        else:
             draw_edges(*lines, workers)
-            return
-        cover_edges(*lines, find_light(plan.quality), workers)
 
     places: ClassVar = {"overlay": draw_over}
 

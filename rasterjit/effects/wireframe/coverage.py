@@ -66,24 +66,27 @@ def snap_end(x, y, w, viewport):
 
 
 @helper
-def find_bands(ends, line, viewport):
-    """Return the first and the last band that a line may touch; first > last if there is none."""
-    bits, pixel = viewport.grid_bits, np.int64(1) << viewport.grid_bits
+def find_bands(ends, line, reach, viewport):
+    """
+    Return the first and the last band that a line may touch; first > last if there is none.
+
+    It reaches less than ``reach``, units of the sub-pixel grid, beyond its ends.
+    """
+    bits = viewport.grid_bits
     left, right = min(ends[line, 0], ends[line, 2]), max(ends[line, 0], ends[line, 2])
     top, bottom = min(ends[line, 1], ends[line, 3]), max(ends[line, 1], ends[line, 3])
-    # A line reaches less than a pixel beyond its ends.
-    if right + pixel < 0 or (left - pixel) >> bits >= viewport.width:
+    if right + reach < 0 or (left - reach) >> bits >= viewport.width:
         return np.int64(1), np.int64(0)
-    first = max((top - pixel) >> bits, np.int64(0))
-    last = min((bottom + pixel) >> bits, np.int64(viewport.height - 1))
+    first = max((top - reach) >> bits, np.int64(0))
+    last = min((bottom + reach) >> bits, np.int64(viewport.height - 1))
     return first >> BAND_BITS, last >> BAND_BITS
 
 
 @kernel
 def project_lines(
     edges: int32[:, ::1], first: int64, geometry: Geometry,
-    depth_coefficients: (float64, float64, float64), ends: int32[:, ::1], depths: float64[:, ::1],
-    counts: int32[::1],
+    depth_coefficients: (float64, float64, float64), reach: int64, ends: int32[:, ::1],
+    depths: float64[:, ::1], counts: int32[::1],
 ):  # fmt: skip
     """
     Clip edges, find their ends on the sub-pixel grid, and count the lines that touch each band.
@@ -97,6 +100,8 @@ def project_lines(
         With clip positions.
     depth_coefficients : (float, float, float)
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    reach : int
+        How far lines reach at most beyond their ends, units of the sub-pixel grid.
     ends : (E, 4) int32, units of the sub-pixel grid
         Writes x0, y0, x1, y1 of the edges that may be seen, side by side from ``first`` on.
     depths : (E, 2) float64, or (0, 2)
@@ -129,7 +134,7 @@ def project_lines(
             ends[line, 0], ends[line, 1] = geometry.xy[start, 0], geometry.xy[start, 1]
             ends[line, 2], ends[line, 3] = geometry.xy[stop, 0], geometry.xy[stop, 1]
             write_depths(depths, line, a, b, depth_coefficients)
-        top, bottom = find_bands(ends, line, viewport)
+        top, bottom = find_bands(ends, line, reach, viewport)
         for band in range(top, bottom + 1):
             counts[band] += 1
         line += np.int64(top <= bottom)
@@ -138,8 +143,8 @@ def project_lines(
 
 @kernel
 def list_lines(
-    lines: (int64, int64), ends: int32[:, ::1], viewport: Viewport, cursors: int64[::1],
-    line_list: int32[::1],
+    lines: (int64, int64), ends: int32[:, ::1], reach: int64, viewport: Viewport,
+    cursors: int64[::1], line_list: int32[::1],
 ):  # fmt: skip
     """
     Write each line into the list of every band that it may touch.
@@ -149,6 +154,8 @@ def list_lines(
     lines : (int, int)
         The first, and one past the last.
     ends : (E, 4) int32, units of the sub-pixel grid
+    reach : int
+        As `project_lines` takes it.
     viewport : Viewport
     cursors : (bands,) int64
         Where the next line goes in each band's list. Advanced.
@@ -156,7 +163,7 @@ def list_lines(
         Writes numbers of lines.
     """
     for line in range(lines[0], lines[1]):
-        top, bottom = find_bands(ends, line, viewport)
+        top, bottom = find_bands(ends, line, reach, viewport)
         for band in range(top, bottom + 1):
             line_list[np.uintp(cursors[band])] = np.int32(line)
             cursors[band] += 1

@@ -12,7 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.effects.wireframe.coverage import find_side_area, make_profile
-from rasterjit.runtime.jit import helper
+from rasterjit.pipeline.records import Viewport
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state_block import float32, float64, int32, int64
 
 SQUARED, NORMAL_X, NORMAL_Y = 0, 1, 2
 """Rows of scratch: squared distance to the nearest line, and a direction across it, any length."""
@@ -44,11 +46,36 @@ def start_rows(nearest):
 
 
 @helper
-def approach_piece(piece, first_row, reach, nearest):
-    """
-    Take a straight piece of a line, (x0, y0, x1, y1) pixels, where it is nearer than all before.
+def is_hidden(share, ramp, depth, slack, row, column):
+    """Return whether a surface hides the point at a share of a piece from a pixel."""
+    if depth.shape[0] == 0:
+        return False
+    near, rise, distance = ramp
+    # Without occluders, depth has a single row.
+    row = min(row, depth.shape[0] - 1)
+    allowed = np.float64(depth[row, column]) - distance * np.float64(slack[row, column])
+    return not near + share * rise >= allowed
 
-    ``nearest`` holds rows from ``first_row`` on; pixels farther than ``reach`` are left.
+
+@helper
+def approach_visible(piece, ramp, depth, slack, first_row, reach, nearest):
+    """
+    Take a straight piece of a line where it is seen, and nearer than all before.
+
+    Parameters
+    ----------
+    piece : (float, float, float, float)
+        x0, y0, x1, y1, pixels.
+    ramp : (float, float, float)
+        Stored depth at the first end, its change to the second, and the largest distance from
+        pixels to the line, pixels in x or y.
+    depth, slack : (H, W), (1, W) or (0, W) float32
+        As `stroke_lines` takes them; without rows nothing hides the piece.
+    first_row : int
+        Of ``nearest``.
+    reach : float
+        Pixels farther than this may be left.
+    nearest : (R, 3, W) float32
     """
     x0, y0, x1, y1 = piece
     along_x, along_y = x1 - x0, y1 - y0
@@ -67,12 +94,21 @@ def approach_piece(piece, first_row, reach, nearest):
             share = min(max(share, 0.0), 1.0)
             off_x, off_y = x - share * along_x, y - share * along_y
             distance = np.float32(off_x * off_x + off_y * off_y)
-            if distance < found[SQUARED, column]:
+            if distance < found[SQUARED, column] and not is_hidden(
+                share, ramp, depth, slack, row, column
+            ):
                 is_beyond = (share == 0.0 or share == 1.0) and distance > MAX_SQUARED_AT_END
                 is_beyond |= squared == 0.0
                 found[SQUARED, column] = distance
                 found[NORMAL_X, column] = np.float32(off_x if is_beyond else -along_y)
                 found[NORMAL_Y, column] = np.float32(off_y if is_beyond else along_x)
+
+
+@helper
+def approach_piece(piece, first_row, reach, nearest):
+    """Take a piece that nothing hides; see `approach_visible`."""
+    nothing = nearest[0][:0]
+    approach_visible(piece, (0.0, 0.0, 0.0), nothing, nothing, first_row, reach, nearest)
 
 
 @helper
@@ -98,3 +134,41 @@ def cover_rows(nearest, half_width, area):
             area[row, i] = find_side_area(half - distance, profile) + find_side_area(
                 half + distance, profile
             )
+
+
+@kernel
+def stroke_lines(
+    line_list: int32[::1], ends: int32[:, ::1], depths: float64[:, ::1], rows: (int64, int64),
+    viewport: Viewport, depth: float32[:, ::1], slack: float32[:, ::1], half_width: float64,
+    nearest: float32[:, :, ::1], area: float32[:, ::1],
+):  # fmt: skip
+    """
+    Find the coverage of each pixel of a band by visible lines with round ends.
+
+    Parameters
+    ----------
+    line_list, ends, depths, rows, viewport, depth, slack
+        As `coverage.cover_lines` takes them.
+    half_width : float
+        Half the width of the lines, pixels.
+    nearest : (R, 3, W) float32
+        Scratch, from `make_scratch`.
+    area : (R, W) float32
+        Written: the share of each pixel, 0..1.
+    """
+    start_rows(nearest)
+    per_pixel = 1.0 / np.float64(np.int64(1) << viewport.grid_bits)
+    reach = half_width + REACH_PX
+    hiding = depth if depths.shape[0] != 0 else depth[:0]
+    for n in range(line_list.shape[0]):
+        line = np.int64(line_list[n])
+        piece = (
+            np.float64(ends[line, 0]) * per_pixel, np.float64(ends[line, 1]) * per_pixel,
+            np.float64(ends[line, 2]) * per_pixel, np.float64(ends[line, 3]) * per_pixel,
+        )  # fmt: skip
+        near = rise = 0.0
+        if depths.shape[0] != 0:
+            near, rise = depths[line, 0], depths[line, 1] - depths[line, 0]
+        ramp = near, rise, reach
+        approach_visible(piece, ramp, hiding, slack, rows[0], reach, nearest)
+    cover_rows(nearest, half_width, area)
