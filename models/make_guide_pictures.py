@@ -4,7 +4,8 @@ Render pictures of the guides: ``python models/make_guide_pictures.py [FOLDER]``
 ``qualities.png``: a part of one scene in the four named qualities, enlarged, for
 ``docs/guides/accuracy.md``. ``primitives.png``: lines, a triangle, a circle and a curve, enlarged,
 for ``docs/guides/classics.md``. ``materials/far_masks.png``: leaves and a fence from near to far,
-with few samples and with 256, for ``docs/guides/materials.md``.
+with few samples and with 256, for ``docs/guides/materials.md``. ``line_drawing.svg``, in
+``docs/pictures``: the teapot as lines, for ``docs/guides/effects.md``.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from PIL import Image, ImageDraw, ImageFont
 import rasterjit as rj
 
 PICTURES = Path(__file__).parent / "pictures"
+
+DRAWING = Path(__file__).parents[1] / "docs" / "pictures" / "line_drawing.svg"
+"""Beside the others it would count as a mesh file."""
 
 SIZE = (480, 360)
 PART = (150, 175, 290, 305)
@@ -114,8 +118,17 @@ def draw_far_masks() -> Image.Image:
     return sheet
 
 
+def draw_lines(path: Path) -> None:
+    """Write the visible and hidden edges of the teapot."""
+    scene = rj.load(Path(__file__).parent / "teapot.obj")
+    scene.add(rj.Label((0, 3.25, 0), "lid", anchor="bottom", size=11.0))
+    drawing = rj.line_drawing(scene, size=(300, 210))
+    drawing.save(path, hidden="dashed", background="white")
+
+
 def main(folder: Path) -> None:
     """Draw and write."""
+    draw_lines(DRAWING)
     draw_qualities().quantize(128, dither=Image.Dither.NONE).save(folder / "qualities.png")
     draw_primitives().save(folder / "primitives.png")
     far = draw_far_masks().quantize(128, dither=Image.Dither.NONE)

@@ -109,9 +109,9 @@ def program(context: click.Context, version: bool) -> None:
                 type=click.Path(path_type=Path))  # fmt: skip
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="OUT",
-    help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz or .exr for all outputs in one "
-    "file; a folder, for several FILEs or a folder of meshes; - for a PNG on standard output. "
-    "Default: FILE's name with .png, in the current folder.",
+    help="Picture to write (.png, .jpg, .webp, .tif ...), .svg or .pdf for edges as lines, .npz or "
+    ".exr for all outputs; a folder, for several FILEs or a folder of meshes; - for a PNG on "
+    "standard output. Default: FILE's name with .png, in the current folder.",
 )  # fmt: skip
 @click.option("--force", is_flag=True,
               help="Replace files that exist; one that OUT names is replaced anyway. Of a folder, "

@@ -329,7 +329,7 @@ def made_scene_type(text: str) -> str:
 
 
 def file_type(kind: str) -> TextType:
-    """Return the type of files of a kind to write: "image", "depth", "mask" or "animation"."""
+    """Return the type of files of a kind to write: "image", "drawing", "depth", "mask" ...."""
     return TextType("file", partial(check_file, kind))
 
 
@@ -359,11 +359,13 @@ def check_file(kind: str, text: str) -> Path:
 def list_formats(kind: str) -> tuple[str, ...]:
     """Return the extensions of a kind of file."""
     from rasterjit.animation import video
+    from rasterjit.hidden_lines import graphics
     from rasterjit.io import images
     from rasterjit.outputs import save
 
     return {
         "image": (*images.IMAGE_FORMATS, ".npz", ".exr"),
+        "drawing": graphics.FORMATS,
         "depth": save.FORMATS,
         "mask": (".png",),
         "animation": video.ANIMATION_FORMATS,

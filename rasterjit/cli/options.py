@@ -953,9 +953,14 @@ def is_picture(file: Path) -> bool:
     return file.suffix.lower() in option_types.list_formats("image")
 
 
+def is_drawing(file: Path) -> bool:
+    """Tell whether a file name is that of a line drawing; meshes may have such names, too."""
+    return file.suffix.lower() in option_types.list_formats("drawing")
+
+
 def refuse_picture(what: str, output: Path) -> None:
     """Raise click's usage error if several pictures share one output file."""
-    if is_picture(output) and not output.is_dir():
+    if (is_picture(output) or is_drawing(output)) and not output.is_dir():
         raise click.BadOptionUsage(
             "--output",
             f"--output: {output} is the name of a file, and the pictures of {what} go into a "

@@ -16,10 +16,13 @@ from rasterjit.cli import program, report
 from rasterjit.cli.option_types import FiniteType, file_type, lens_type, outputs_type
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
+    QUALITY_OPTIONS,
     RenderOptions,
     apply_style,
     check_place,
     flag,
+    is_drawing,
+    is_given,
     is_picture,
     option,
     refuse_picture,
@@ -33,6 +36,15 @@ if TYPE_CHECKING:
     from rasterjit.scene.lens import Lens
 
 PNG = ".png"
+
+LINE_STYLES = ("technical", "wireframe")
+"""Styles of line drawings, the default first."""
+
+NOT_OF_LINES = (
+    "lens", "outputs", "depth_file", "scale", "mask_file", "mask_of", "colorbar", "diagnose",
+    "stats", "cull",
+)  # fmt: skip
+"""Options that have no effect on line drawings."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,7 +128,8 @@ def plan_places(
             "what is written"
         )
     if len(files) == 1 and output is not None and not output.is_dir():
-        return {files[0]: check_place("output", output, "image")}
+        kind = "drawing" if is_drawing(output) else "image"
+        return {files[0]: check_place("output", output, kind)}
     if output is not None and output.exists() and not output.is_dir():
         raise click.BadOptionUsage(
             "--output", f"--output: {output} is a file, and the pictures of several go to a folder"
@@ -216,6 +229,9 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOp
     """Draw a file, write its outputs, and print a line."""
     from rasterjit.io.images import OPAQUE_FORMATS
 
+    if is_drawing(output):
+        draw_lines(file, output, asked, shown)
+        return
     view, look, effects, moment = shown
     background, calibrated = asked.background, view.calibrated()
     size = program.choose_size(background, view.find_size(asked.size))
@@ -274,3 +290,40 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: RenderOp
         told = report.format_frame(frame, saved - start) if number == 0 else ""
         told += program.format_codes_line(place, places[place], chosen.get(place))
         report.say(f"wrote {place}{told}")
+
+
+def draw_lines(file: Path, output: Path, asked: PictureOptions, shown: RenderOptions) -> None:
+    """Write the visible edges of a file as vector graphics, a point to the pixel."""
+    view, look, effects, moment = shown
+    style = effects.style if is_given("style") else LINE_STYLES[0]
+    if style not in LINE_STYLES:
+        raise click.BadOptionUsage(
+            "--style",
+            f"--style: {output} holds lines, {' or '.join(LINE_STYLES)}, not {style}",
+        )
+    refuse_unused((*NOT_OF_LINES, *QUALITY_OPTIONS), f"{output} holds lines alone")
+    if not (asked.background is None or isinstance(asked.background, str)):
+        raise click.BadOptionUsage("--background", f"--background: {output} holds no picture")
+    calibrated, size = view.calibrated(), view.find_size(asked.size)
+    if calibrated is not None and calibrated.lens is not None:
+        raise click.BadOptionUsage("--camera", f"--camera: {output} cannot be bent by a lens")
+    from rasterjit.hidden_lines.drawing import line_drawing
+    from rasterjit.hidden_lines.edges import DEFAULT_KINDS, KINDS
+
+    start = time.perf_counter()
+    with (
+        report.show_spinner(f"Drawing {file.name}", asked.quiet) as line,
+        report.show_compile_progress(asked.quiet, line),
+    ):
+        scene = moment.apply(program.load_scene(file, look, effects, asked.quiet), file)
+        effects = dataclasses.replace(effects, style=style)
+        styled = apply_style(scene, view.camera(scene, size), look, effects)
+        kinds = DEFAULT_KINDS if style == LINE_STYLES[0] else KINDS
+        drawing = line_drawing(
+            styled.scene, styled.camera, size, edges=kinds, threads=asked.threads
+        )
+        drawing.save(output, background=asked.background)
+    if not asked.quiet:
+        seconds = time.perf_counter() - start
+        lines = drawing.visible.tolist().count(True)
+        report.say(f"wrote {output}  {size[0]}x{size[1]} points  {lines:,} lines  {seconds:.2f} s")

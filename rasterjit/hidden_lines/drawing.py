@@ -48,8 +48,6 @@ from rasterjit.survey.effect import with_field
 
 HiddenLines: TypeAlias = Literal["none", "dashed"]
 
-FORMATS = (".svg", ".pdf")
-
 WIDTHS = {
     "section": 1.0, "boundary": 1.0, "silhouette": 1.0, "crease": 0.5, "line": 0.5,
     "wireframe": 0.25, "hidden": 0.35,
@@ -195,7 +193,7 @@ class LineDrawing:
         UserWarning
             If a label has characters that Helvetica in PDF lacks: question marks replace them.
         """
-        target = check_save_path(path, FORMATS)
+        target = check_save_path(path, graphics.FORMATS)
         scale = 72.0 / check.positive_number("dpi", dpi)
         if not 0.0 < scale * max(self.size) <= MAX_POINTS:
             raise ValueError(

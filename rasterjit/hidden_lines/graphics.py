@@ -9,6 +9,9 @@ from xml.sax.saxutils import escape, quoteattr
 
 from rasterjit.scene.arrays import Float64
 
+FORMATS = (".svg", ".pdf")
+"""Extensions of drawings."""
+
 Codes = tuple[int, int, int, int]
 """sRGB codes and alpha, 0..255."""
 
