@@ -214,7 +214,7 @@ class MetallicRoughnessMaterial(Material):
         glow = np.square(np.asarray(self.emissiveFactor, np.float64)) if is_lit else np.zeros(3)
         # Codes are filtered as they are; what they stand for is found behind that.
         textures = {
-            field: texture.convert(are_facets=field == "metallic_roughness_texture")
+            field: texture.convert(is_metallic_roughness=field == "metallic_roughness_texture")
             for field, texture in maps.items()
             if texture is not None and has_uv
         }

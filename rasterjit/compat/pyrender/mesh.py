@@ -21,47 +21,48 @@ if TYPE_CHECKING:
     from trimesh.parent import Geometry
 
 _DEFAULT_COLOR = (0.3, 0.3, 0.3, 1.0)
-"""The colour of meshes without a material."""
-_METALLIC, _ROUGHNESS = 0.2, 0.8
-"""Of meshes without a material, or with colours alone."""
+"""Base colour of meshes that have neither material nor colours."""
+
+_DEFAULT_METALLIC, _DEFAULT_ROUGHNESS = 0.2, 0.8
+"""Metallic and roughness factors of meshes that have no material."""
 
 
 @dataclass(eq=False, repr=False)
 class Mesh(Bounded):
     """
-    Primitives that stand together.
+    Primitives that are placed together, by one node.
 
     Parameters
     ----------
     primitives : list of Primitive
-        Kept, not copied; it may be empty.
+        Not copied; it may be empty.
     name : str, optional
     weights : optional
-        Kept and without effect.
+        Of morph targets: kept and without effect.
     is_visible : bool
         Whether it is drawn.
     """
 
     primitives: Field[list[Primitive]] = Field(
-        keep_any, "list of Primitive: what it is made of.", MISSING
+        keep_any, "list of Primitive: the parts, each of one material.", MISSING
     )
     name: Field[str | None] = Field(to_text_or_none, "str or None: the mesh's name.", None)
-    weights: Field[Any] = Field(keep_any, "As it was given: nothing here changes shape.", None)
+    weights: Field[Any] = Field(keep_any, "As it was given: there are no morph targets.", None)
     is_visible: Field[bool] = Field(keep_any, "bool: whether it is drawn.", True)
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """(2, 3) float64: least and largest coordinates; of nothing, infinity and -infinity."""
+        """(2, 3) float64: least and largest coordinates; infinity and -infinity if it is empty."""
         bounds = np.array([[np.inf] * 3, [-np.inf] * 3])
-        for one in self.primitives:
-            low, high = one.bounds
+        for primitive in self.primitives:
+            low, high = primitive.bounds
             bounds = np.stack([np.minimum(bounds[0], low), np.maximum(bounds[1], high)])
         return bounds
 
     @property
     def is_transparent(self) -> bool:
-        """Whether any of its primitives is."""
-        return any(one.is_transparent for one in self.primitives)
+        """Whether any of its primitives is transparent."""
+        return any(primitive.is_transparent for primitive in self.primitives)
 
     @staticmethod
     def from_points(
@@ -72,7 +73,7 @@ class Mesh(Bounded):
         poses: ArrayLike | None = None,
     ) -> Mesh:
         """
-        Return a mesh of points, squares of the renderer's ``point_size``.
+        Return a mesh of points, drawn as squares of the renderer's ``point_size``, pixels.
 
         Parameters
         ----------
@@ -83,12 +84,12 @@ class Mesh(Bounded):
             Default: towards the camera.
         is_visible : bool
         poses : (M, 4, 4) array_like, optional
-            Where instances of it stand.
+            Poses of its instances.
 
         Raises
         ------
         ValueError
-            If an array is no such thing.
+            If an array has another shape, or is not one of numbers.
         """
         primitive = Primitive(
             points, normals=normals, color_0=colors, mode=GLTF.POINTS, poses=poses
@@ -105,21 +106,21 @@ class Mesh(Bounded):
         smooth: bool = True,
     ) -> Mesh:
         """
-        Return a mesh of trimesh's.
+        Convert meshes of trimesh to one mesh, a primitive for each.
 
         Parameters
         ----------
         mesh : trimesh.Trimesh or list of them
             Its colours or its material and textures are used.
         material : Material, optional
-            In place of the mesh's.
+            Replaces the mesh's colours and material.
         is_visible : bool
         poses : (N, 4, 4) array_like, optional
-            Where instances of it stand.
+            Poses of its instances.
         wireframe : bool
             Whether its edges are drawn in place of its faces.
         smooth : bool
-            Whether normals are interpolated, or each face is flat; face colours need the latter.
+            Whether normals are interpolated; else faces are flat, as face colours need them.
 
         Raises
         ------
@@ -130,12 +131,12 @@ class Mesh(Bounded):
         """
         import trimesh
 
-        given = list(mesh) if isinstance(mesh, (list, tuple, set, np.ndarray)) else [mesh]
+        parts = list(mesh) if isinstance(mesh, (list, tuple, set, np.ndarray)) else [mesh]
         primitives = []
-        for one in given:
-            if not isinstance(one, trimesh.Trimesh):
-                raise TypeError(f"mesh must be a trimesh.Trimesh or a list, got {brief(one)}")
-            primitives.append(_convert_primitive(one, material, poses, wireframe, smooth))
+        for part in parts:
+            if not isinstance(part, trimesh.Trimesh):
+                raise TypeError(f"mesh must be a trimesh.Trimesh or a list, got {brief(part)}")
+            primitives.append(_convert_primitive(part, material, poses, wireframe, smooth))
         return Mesh(primitives, is_visible=is_visible)
 
 
@@ -146,12 +147,12 @@ def _convert_primitive(
     wireframe: bool,
     smooth: bool,
 ) -> Primitive:
-    """Return one mesh of trimesh's as a primitive."""
+    """Convert one mesh of trimesh to a primitive."""
     faces = np.asarray(mesh.faces)
-    colors, uv, own = _convert_visual(mesh, smooth, has_material=material is not None)
-    # Each has its own, which may be changed.
-    look = own if material is None else copy.deepcopy(material)
-    look.wireframe = wireframe
+    colors, uv, mesh_material = _convert_visual(mesh, smooth, has_material=material is not None)
+    # A given material is copied for each primitive: users may change one of them.
+    material = mesh_material if material is None else copy.deepcopy(material)
+    material.wireframe = wireframe
     if smooth:
         positions, normals, indices = mesh.vertices, _compute_vertex_normals(mesh), faces
     else:
@@ -160,16 +161,16 @@ def _convert_primitive(
         uv = None if uv is None else uv[faces].reshape(-1, uv.shape[1])
     return Primitive(
         np.array(positions), normals=np.array(normals), texcoord_0=uv, color_0=colors,
-        indices=indices, material=look, poses=poses,
+        indices=indices, material=material, poses=poses,
     )  # fmt: skip
 
 
 def _compute_vertex_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     """
-    Return the normals that a mesh was given, else averages by angle over a vertex's faces.
+    Return a mesh's own vertex normals, (V, 3), else means of its faces' weighted by angle.
 
-    The averages are those of ``Trimesh.vertex_normals``, which needs SciPy for them: pyrender
-    brought it along. Without it, trimesh warns and compares each vertex with all faces.
+    The means are those of ``Trimesh.vertex_normals``, which needs SciPy for them. pyrender requires
+    SciPy; here it may be missing, and trimesh then warns and compares each vertex with all faces.
 
     References
     ----------
@@ -182,21 +183,21 @@ def _compute_vertex_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
         from trimesh.util import unitize
 
         faces = np.asarray(mesh.faces)
-        # Faces without an area have normals of 0, and angles that say nothing.
-        shares = np.where(mesh.face_normals.any(axis=1)[:, None], mesh.face_angles, 0.0)
+        # Faces without an area have normals of 0 and meaningless angles.
+        weights = np.where(mesh.face_normals.any(axis=1)[:, None], mesh.face_angles, 0.0)
         corners = faces.ravel()
-        made = [
-            np.bincount(corners, (shares * axis[:, None]).ravel(), minlength=len(mesh.vertices))
+        sums = [
+            np.bincount(corners, (weights * axis[:, None]).ravel(), minlength=len(mesh.vertices))
             for axis in mesh.face_normals.T
         ]
-        mesh.vertex_normals = unitize(np.stack(made, axis=1))
+        mesh.vertex_normals = unitize(np.stack(sums, axis=1))
     return np.asarray(mesh.vertex_normals)
 
 
 def _convert_visual(
     mesh: trimesh.Trimesh, smooth: bool, has_material: bool
 ) -> tuple[Any, Any, Any]:
-    """Return vertex colours, texture coordinates of vertices, and material."""
+    """Return vertex colours, texture coordinates of vertices, and the mesh's material, if used."""
     visual: Any = mesh.visual
     if not visual.defined:
         return None, None, _make_plain_material(_DEFAULT_COLOR)
@@ -216,15 +217,15 @@ def _convert_visual(
 
 
 def _make_plain_material(color: tuple[float, ...]) -> MetallicRoughnessMaterial:
-    """Return the material of meshes that have none."""
+    """Return the material of meshes that have none, in a given base colour."""
     return MetallicRoughnessMaterial(
-        alphaMode="BLEND", baseColorFactor=color, metallicFactor=_METALLIC,
-        roughnessFactor=_ROUGHNESS,
+        alphaMode="BLEND", baseColorFactor=color, metallicFactor=_DEFAULT_METALLIC,
+        roughnessFactor=_DEFAULT_ROUGHNESS,
     )  # fmt: skip
 
 
 def _convert_material(material: Any) -> Material:
-    """Return a material of trimesh's, its exponent of Blinn-Phong turned into a roughness."""
+    """Convert a material of trimesh; the exponent of Blinn-Phong becomes a roughness."""
     if isinstance(material, MetallicRoughnessMaterial):
         return material
     kind = type(material).__name__
@@ -234,14 +235,14 @@ def _convert_material(material: Any) -> Material:
             "baseColorFactor", "baseColorTexture", "metallicFactor", "roughnessFactor",
             "metallicRoughnessTexture", "alphaCutoff",
         )  # fmt: skip
-        said: dict[str, Any] = {name: getattr(material, name, None) for name in names}
+        fields: dict[str, Any] = {name: getattr(material, name, None) for name in names}
         return MetallicRoughnessMaterial(
-            alphaMode="BLEND", doubleSided=bool(material.doubleSided), **said
+            alphaMode="BLEND", doubleSided=bool(material.doubleSided), **fields
         )
     if kind != "SimpleMaterial":
         return _make_plain_material(_DEFAULT_COLOR)
     exponent = float(np.ravel(material.kwargs.get("Ns", 1.0))[0])
-    # Walter et al. 2007: an exponent n is a width of sqrt(2 / (n + 2)), the roughness squared.
+    # Walter et al. 2007: an exponent n is like a width of sqrt(2 / (n + 2)), the roughness squared.
     return MetallicRoughnessMaterial(
         alphaMode="BLEND", roughnessFactor=math.sqrt(math.sqrt(2.0 / (exponent + 2.0))),
         baseColorFactor=np.asarray(material.diffuse), baseColorTexture=material.image,

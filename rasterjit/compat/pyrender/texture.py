@@ -1,4 +1,4 @@
-"""Textures: pictures and how they are read."""
+"""Textures: images, and the samplers that read them."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from rasterjit.compat.pyrender.utils import format_texture_source
 from rasterjit.scene.texture import Texture as SceneTexture
 
 _TEXTURE_2D, _UNSIGNED_BYTE = 3553, 5121
-"""OpenGL's codes of a plain texture and of bytes."""
+"""OpenGL's codes of a two-dimensional texture and of bytes."""
 
 
 class Texture:
     """
-    A picture and how it is read.
+    An image, and the sampler that reads it.
 
     Parameters
     ----------
     name : str, optional
     sampler : Sampler, optional
     source : (H, W) or (H, W, C) array or PIL.Image, optional
-        Floats in 0..1 or bytes. Without one, nothing can be drawn with it.
+        Floats in 0..1 or bytes. A material whose texture has none cannot be drawn.
     source_channels : {"R", "RG", "GB", "RGB", "RGBA"}
         Which channels of the source are kept; must be given if a source is.
     width, height : int, optional
-        Kept and without effect: the source has a size.
+        Kept and without effect: the size is the source's.
     tex_type, data_format : int
         OpenGL's codes; kept and without effect.
 
     Raises
     ------
     TypeError
-        If the source is no picture.
+        If the source is no image.
     ValueError
         If the source lacks a channel, or the channels are none of these.
     """
@@ -62,7 +62,7 @@ class Texture:
 
     name = Field(to_text_or_none, "str or None: the texture's name.")
     sampler = Field(
-        lambda value: Sampler() if value is None else value, "Sampler: how it is read; never None."
+        lambda value: Sampler() if value is None else value, "Sampler: reads the image; never None."
     )
     source_channels = Field(keep_any, "str or None: the channels of the next source that is set.")
     width = Field(keep_any, "int or None: as it was given.")
@@ -72,7 +72,7 @@ class Texture:
 
     @property
     def source(self) -> NDArray[np.uint8] | None:
-        """(H, W, C) or (H, W) uint8, or None: the picture."""
+        """(H, W, C) or (H, W) uint8, or None: the image."""
         return self._source
 
     @source.setter
@@ -80,14 +80,14 @@ class Texture:
         self._source = None
         if value is not None:
             try:
-                # No channels are an error, not the usual ones.
+                # Channels of None raise an error here, as in pyrender.
                 self._source = format_texture_source(value, self.source_channels)  # type: ignore[arg-type]
             except (TypeError, ValueError) as error:
                 raise type(error)(f"source {error}") from None
-        self._drawn: dict[bool, SceneTexture] = {}
+        self._converted: dict[bool, SceneTexture] = {}
 
     def is_transparent(self, cutoff: float = 1.0) -> bool:
-        """Return False: as in pyrender 0.1.45, what a picture's alpha is does not count here."""
+        """Return False whatever the image's alpha, as pyrender 0.1.45 does."""
         return False
 
     @property
@@ -96,47 +96,50 @@ class Texture:
         return self.convert().is_opaque
 
     def show_alpha(self) -> Texture:
-        """Return a texture that is read like it and shows its alpha in all channels."""
-        pixels, grey = np.asarray(self.source), copy.copy(self)
+        """Return a texture with the same sampler and this one's alpha in all channels."""
+        pixels, texture = np.asarray(self.source), copy.copy(self)
         has_alpha = pixels.ndim == 3 and pixels.shape[2] == 4
         alphas = pixels[..., 3] if has_alpha else np.full(pixels.shape[:2], 255, np.uint8)
-        grey.source_channels = "RGBA"
-        grey.source = np.repeat(alphas[..., np.newaxis], 4, axis=2)
-        return grey
+        texture.source_channels = "RGBA"
+        texture.source = np.repeat(alphas[..., np.newaxis], 4, axis=2)
+        return texture
 
     def delete(self) -> None:
-        """Let go of what was made to draw it."""
-        self._drawn = {}
+        """Free the textures that `convert` made."""
+        self._converted = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied and pickled: no copy shares what was drawn."""
-        return {**self.__dict__, "_drawn": {}}
+        """Return what copies and pickles hold: all but what `convert` made."""
+        return {**self.__dict__, "_converted": {}}
 
-    def convert(self, *, are_facets: bool = False) -> SceneTexture:
+    def convert(self, *, is_metallic_roughness: bool = False) -> SceneTexture:
         """
-        Return the texture as RasterJIT has it, its codes as they are; made once.
+        Convert the texture to RasterJIT's, its numbers not decoded from sRGB; the result is cached.
 
         Parameters
         ----------
-        are_facets : bool
-            Whether the first two channels are roughness and metallic: they go where glTF has them.
+        is_metallic_roughness : bool
+            Whether the first two channels are roughness and metallic: they move to green and blue,
+            where glTF has them.
 
         Raises
         ------
         ValueError
             If it has no source, or its sampler an unknown code.
         """
-        if are_facets not in self._drawn:
+        if is_metallic_roughness not in self._converted:
             pixels = self.source
             if pixels is None:
-                raise ValueError("source must be a picture where a texture is drawn, got None")
-            if are_facets or (pixels.ndim == 3 and pixels.shape[2] == 2):
+                raise ValueError("source must be an image where a texture is drawn, got None")
+            if is_metallic_roughness or (pixels.ndim == 3 and pixels.shape[2] == 2):
                 # OpenGL has 0 where a channel is missing.
                 channels = np.atleast_3d(pixels)
-                none = np.zeros_like(channels[..., :1])
-                rough, metal = channels[..., :1], channels[..., 1:2] if pixels.ndim == 3 else none
-                pixels = np.dstack([none, rough, metal] if are_facets else [rough, metal, none])
-            self._drawn[are_facets] = SceneTexture(
+                first, zeros = channels[..., :1], np.zeros_like(channels[..., :1])
+                second = channels[..., 1:2] if pixels.ndim == 3 else zeros
+                pixels = np.dstack(
+                    [zeros, first, second] if is_metallic_roughness else [first, second, zeros]
+                )
+            self._converted[is_metallic_roughness] = SceneTexture(
                 pixels, color_space="linear", **self.sampler.convert()
             )
-        return self._drawn[are_facets]
+        return self._converted[is_metallic_roughness]
