@@ -1,5 +1,5 @@
 """
-OpenCV's calibrations as YAML, of one camera or two; ROS's ``camera_info`` has the same shape.
+Read and write OpenCV's calibrations of one camera or two as YAML; read ROS's ``camera_info``.
 
 The centre of the first pixel is at (0, 0); x points right, y down, z forward.
 
@@ -39,22 +39,23 @@ FORMAT = "OpenCV's YAML"
 COEFFICIENTS = (
     "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"
 )  # fmt: skip
-COUNTS = (0, 4, 5, 8, 12, 14)
-"""Numbers of coefficients that OpenCV knows."""
+COEFFICIENT_COUNTS = (0, 4, 5, 8, 12, 14)
+"""How many coefficients of a lens OpenCV allows."""
 
-SINGLE = ("camera_matrix", "distortion_coefficients")
-STEREO = (
+MONO_KEYS = ("camera_matrix", "distortion_coefficients")
+STEREO_KEYS = (
     (("M1", "D1"), ("M2", "D2")),
     (("K1", "D1"), ("K2", "D2")),
     (("cameraMatrix1", "distCoeffs1"), ("cameraMatrix2", "distCoeffs2")),
 )
-"""Names of K and of the coefficients of one camera, and of two."""
+"""Keys of the matrix K and of the lens's coefficients: of one camera, and, in several spellings, of
+two."""
 
 FISHEYE_MODELS = ("equidistant", "fisheye")
-"""ROS's names of the fisheye lens."""
+"""Names that ROS gives the model of `FisheyeLens`."""
 
 READ_KEYS = {
-    *SINGLE, *(key for pair in STEREO for keys in pair for key in keys), "R", "T",
+    *MONO_KEYS, *(key for pair in STEREO_KEYS for keys in pair for key in keys), "R", "T",
     "image_width", "image_height", "imageSize",
     "fisheye_model", "distortion_model", "extrinsic_parameters", "camera_name", "image_names",
 }  # fmt: skip
@@ -64,35 +65,37 @@ def read_opencv(
     file: Path, document: dict[str, Any], size: tuple[int, int] | None, left_out: LeftOut
 ) -> list[CalibratedCamera]:
     """Return the camera of each view of a calibration, or both of a stereo pair."""
-    # OpenCV 2 began words with capitals.
+    # Keys: OpenCV 2 began words with capitals.
     lower = {key: str(key).lower() for key in document}
     document = {lower[key] if lower[key] in READ_KEYS else key: document[key] for key in document}
+    for key in document.keys() - READ_KEYS:
+        left_out.note(str(key))
+    # Size.
     if "image_width" in document:
         sides = get_integer(document, "image_width"), get_integer(document, "image_height")
         size = image_size("image_width and image_height", sides)
     elif "imageSize" in document:
         size = image_size("imageSize", get_list(document, "imageSize"))
     if size is None:
-        raise ValueError("give size: it does not tell that of its images")
-    for key in document.keys() - READ_KEYS:
-        left_out.note(str(key))
-    stereo = next((pair for pair in STEREO if pair[0][0] in document), None)
+        raise ValueError("give size: the file does not tell the size of its images")
+    # Cameras.
+    stereo_keys = next((keys for keys in STEREO_KEYS if keys[0][0] in document), None)
     try:
-        if stereo is None:
-            inner = [_read_intrinsics(document, *SINGLE, size)]
-            poses = _read_views(document)
-            inner *= len(poses)
+        if stereo_keys is None:
+            intrinsics = [_read_intrinsics(document, *MONO_KEYS, size)]
+            poses = _read_poses(document)
+            intrinsics *= len(poses)
         else:
-            inner = [_read_intrinsics(document, *keys, size) for keys in stereo]
+            intrinsics = [_read_intrinsics(document, *keys, size) for keys in stereo_keys]
             poses = [transforms.identity(), _read_stereo_pose(file, document, left_out)]
     except NoLensError as error:
-        raise ValueError(f"no lens here stands for {error}") from None
+        raise ValueError(f"no lens of RasterJIT models {error}") from None
     names = _read_names(document, len(poses))
-    return [calibration.join_camera(*one) for one in zip(inner, poses, names, strict=True)]
+    return [calibration.join_camera(*parts) for parts in zip(intrinsics, poses, names, strict=True)]
 
 
 def _read_names(document: dict[str, Any], count: int) -> list[str]:
-    """Return the names of cameras."""
+    """Return the names of ``count`` cameras."""
     if "image_names" in document:
         names = [str(name) for name in get_list(document, "image_names")]
         if len(names) != count:
@@ -102,27 +105,30 @@ def _read_names(document: dict[str, Any], count: int) -> list[str]:
 
 
 def _read_intrinsics(
-    document: dict[str, Any], matrix: str, coefficients: str, size: tuple[int, int]
+    document: dict[str, Any], k_key: str, coefficients_key: str, size: tuple[int, int]
 ) -> Intrinsics:
-    """Return the intrinsics under two keys."""
-    (fx, skew, cx), (_, fy, cy), _ = intrinsic_matrix(matrix, get_matrix(document, matrix)).tolist()
+    """Return a camera's intrinsics, given the keys of K and of the lens's coefficients."""
+    (fx, skew, cx), (_, fy, cy), _ = intrinsic_matrix(k_key, get_matrix(document, k_key)).tolist()
     values: list[float] = []
-    if document.get(coefficients) is not None:
-        values = get_matrix(document, coefficients).ravel().tolist()
+    if document.get(coefficients_key) is not None:
+        values = get_matrix(document, coefficients_key).ravel().tolist()
     is_fisheye = document.get("distortion_model") in FISHEYE_MODELS
     if is_fisheye or document.get("fisheye_model") in (1, True):
         if len(values) != len(calibration.EQUIDISTANT):
-            raise ValueError(f"{coefficients} of a fisheye must be 4 numbers, got {len(values)}")
+            raise ValueError(
+                f"{coefficients_key} of a fisheye must be 4 numbers, got {len(values)}"
+            )
         lens = calibration.make_lens(FisheyeLens, calibration.EQUIDISTANT, values, FORMAT)
-    elif len(values) not in COUNTS:
-        raise ValueError(f"{coefficients} must be 4, 5, 8, 12 or 14 numbers, got {len(values)}")
+    elif len(values) not in COEFFICIENT_COUNTS:
+        raise ValueError(f"{coefficients_key} must be 4, 5, 8, 12 or 14 numbers, got {len(values)}")
     else:
         lens = calibration.make_lens(PinholeDistortion, COEFFICIENTS[: len(values)], values, FORMAT)
+    # OpenCV has the first pixel's centre at (0, 0), we its corner.
     return Intrinsics(size, fx, fy, skew, cx + 0.5, cy + 0.5, lens)
 
 
-def _read_views(document: dict[str, Any]) -> list[Matrix]:
-    """Return the poses of the views of a calibration; the identity if it has none."""
+def _read_poses(document: dict[str, Any]) -> list[Matrix]:
+    """Return the pose ``camera_from_world`` of each view; the identity if the file has none."""
     if document.get("extrinsic_parameters") is None:
         return [transforms.identity()]
     rows = get_matrix(document, "extrinsic_parameters")
@@ -132,21 +138,21 @@ def _read_views(document: dict[str, Any]) -> list[Matrix]:
 
 
 def _read_stereo_pose(file: Path, document: dict[str, Any], left_out: LeftOut) -> Matrix:
-    """Return second from first camera, of this file or of ``extrinsics.yml`` beside it."""
-    if "R" not in document:
-        other = file.with_name(file.name.replace("intrinsics", "extrinsics"))
-        if other == file or not other.exists():
-            raise ValueError("R and T, from the first camera to the second, are missing")
-        with calibration.reading(other, FORMAT):
-            document = read_yaml(other)
-            for key in document.keys() - {"R", "T"}:
-                left_out.note(str(key))
-            return _join_stereo_pose(document)
-    return _join_stereo_pose(document)
+    """Return second from first camera: R and T of this file or of ``extrinsics.yml`` beside it."""
+    if "R" in document:
+        return _make_stereo_pose(document)
+    extrinsics_file = file.with_name(file.name.replace("intrinsics", "extrinsics"))
+    if extrinsics_file == file or not extrinsics_file.exists():
+        raise ValueError("R and T, from the first camera to the second, are missing")
+    with calibration.reading(extrinsics_file, FORMAT):
+        document = read_yaml(extrinsics_file)
+        for key in document.keys() - {"R", "T"}:
+            left_out.note(str(key))
+        return _make_stereo_pose(document)
 
 
-def _join_stereo_pose(document: dict[str, Any]) -> Matrix:
-    """Return the pose of R and T, or raise ``ValueError``."""
+def _make_stereo_pose(document: dict[str, Any]) -> Matrix:
+    """Return the pose of a file's R and T, or raise ``ValueError``."""
     rotation, translation = get_matrix(document, "R"), get_matrix(document, "T")
     if rotation.shape != (3, 3) and rotation.size != 3:
         raise ValueError(f"R must have shape (3, 3) or 3 numbers, got {rotation.shape}")
@@ -156,7 +162,7 @@ def _join_stereo_pose(document: dict[str, Any]) -> Matrix:
 
 
 def _make_pose(rotation: Float64, translation: Float64) -> Matrix:
-    """Return a pose from a rotation, a matrix or OpenCV's vector, and a translation."""
+    """Return the pose of a rotation, (3, 3) or OpenCV's rotation vector, and a translation."""
     if rotation.size == 3:
         vector = rotation.ravel().tolist()
         angle = math.degrees(length(vector))
@@ -170,55 +176,69 @@ def _make_pose(rotation: Float64, translation: Float64) -> Matrix:
 
 def _rotation_vector(pose: Matrix) -> list[float]:
     """Return OpenCV's rotation vector of a pose: its axis, as long as the angle in radians."""
-    *axis, w = decompose(pose).rotation
-    sine = length(axis)
+    *xyz, w = decompose(pose).rotation
+    # The axis times the sine of half the angle, and the cosine of that.
+    sine = length(xyz)
     if sine == 0.0:
         return [0.0, 0.0, 0.0]
-    # A turn by more than half of one is one the other way.
+    # With w below 0 the angle is above 180 degrees: rotate the other way by the rest of 360.
     angle = math.radians(2.0 * transforms.arc_tangent(sine, abs(w)))
-    return [math.copysign(1.0, w) * part * angle / sine for part in axis]
+    return [math.copysign(1.0, w) * part * angle / sine for part in xyz]
 
 
 def write_opencv(file: Path, cameras: Sequence[CalibratedCamera]) -> None:
     """Write a calibration of one camera in several views, or of two, or raise ``ValueError``."""
-    inner, poses, quoted = [], [], []
+    intrinsics, poses, names = [], [], []
     for camera in cameras:
         with calibration.naming(camera):
             one, pose = calibration.split_camera(camera)
-            inner.append(one)
+            intrinsics.append(one)
             poses.append(pose)
-            quoted.append(quote_yaml(camera.name))
-            calibration.refuse(
-                one.size != inner[0].size, f"it must have the size of others for {FORMAT}"
-            )
-            kinds = [isinstance(lens, FisheyeLens) for lens in (one.lens, inner[0].lens)]
-            calibration.refuse(kinds[0] != kinds[1], f"it must have a lens as others for {FORMAT}")
-            names = calibration.EQUIDISTANT if kinds[0] else COEFFICIENTS
-            calibration.lens_coefficients(one.lens, names, FORMAT)
-    first = inner[0]
+            names.append(quote_yaml(camera.name))
+            _check_same_kind(one, intrinsics[0])
+    # Size and kind of lens.
+    first = intrinsics[0]
     lines = ["%YAML:1.0", "---", f"image_width: {first.size[0]}", f"image_height: {first.size[1]}"]
     if isinstance(first.lens, FisheyeLens):
         lines.append("fisheye_model: 1")
-    if all(one == first for one in inner):
-        lines += _format_intrinsics(first, *SINGLE)
+    if all(one == first for one in intrinsics):
+        # One camera in several views.
+        lines += _format_intrinsics(first, *MONO_KEYS)
         if len(cameras) > 1 or (poses[0] != np.eye(4)).any():
             rows = [[*_rotation_vector(pose), *pose[:3, 3].tolist()] for pose in poses]
             lines += _format_matrix("extrinsic_parameters", rows)
     else:
+        # Two cameras.
         calibration.refuse(
             len(cameras) != 2,
             f"cameras must have the same intrinsics, or be two, for {FORMAT}, got {len(cameras)}",
         )
         with calibration.naming(cameras[0]):
             calibration.refuse_moved(poses[0], FORMAT)
-        for one, keys in zip(inner, STEREO[0], strict=True):
+        for one, keys in zip(intrinsics, STEREO_KEYS[0], strict=True):
             lines += _format_intrinsics(one, *keys)
-        step = transforms.compose(poses[1], transforms.inverse(poses[0]))
-        lines += _format_matrix("R", step[:3, :3].tolist())
-        lines += _format_matrix("T", step[:3, 3:].tolist())
+        second_from_first = transforms.compose(poses[1], transforms.inverse(poses[0]))
+        lines += _format_matrix("R", second_from_first[:3, :3].tolist())
+        lines += _format_matrix("T", second_from_first[:3, 3:].tolist())
+    # Names.
     if any(camera.name for camera in cameras):
-        lines += ["image_names:", *(f"   - {name}" for name in quoted)]
+        lines += ["image_names:", *(f"   - {name}" for name in names)]
     write_text(file, "\n".join([*lines, ""]))
+
+
+def _check_same_kind(intrinsics: Intrinsics, first: Intrinsics) -> None:
+    """Raise ``ValueError`` unless two cameras have the same size and model, one of OpenCV's."""
+    calibration.refuse(
+        intrinsics.size != first.size, f"it must have the size of others for {FORMAT}"
+    )
+    is_fisheye, first_is_fisheye = (
+        isinstance(lens, FisheyeLens) for lens in (intrinsics.lens, first.lens)
+    )
+    calibration.refuse(
+        is_fisheye != first_is_fisheye, f"it must have a lens as others for {FORMAT}"
+    )
+    names = calibration.EQUIDISTANT if is_fisheye else COEFFICIENTS
+    calibration.lens_coefficients(intrinsics.lens, names, FORMAT)
 
 
 def _format_intrinsics(intrinsics: Intrinsics, matrix: str, coefficients: str) -> list[str]:
@@ -228,7 +248,7 @@ def _format_intrinsics(intrinsics: Intrinsics, matrix: str, coefficients: str) -
     names = calibration.EQUIDISTANT if isinstance(lens, FisheyeLens) else COEFFICIENTS
     values = calibration.lens_coefficients(lens, names, FORMAT)
     if not isinstance(lens, FisheyeLens):
-        values = values[: next(n for n in COUNTS[2:] if not any(values[n:]))]
+        values = values[: next(n for n in COEFFICIENT_COUNTS[2:] if not any(values[n:]))]
     return _format_matrix(matrix, k) + _format_matrix(coefficients, [[value] for value in values])
 
 
