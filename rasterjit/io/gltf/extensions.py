@@ -1,9 +1,9 @@
 """
-Read and write glTF's material extensions and variants; the names of all other extensions.
+Read and write glTF's material extensions and variants; list the other extensions by name.
 
-A row of ``MATERIAL_EXTENSIONS`` for each extension: which fields of `Material` it has, and
-their names in it. ``docs/guides/gltf.md`` has the table of all extensions;
-``tests/io/test_gltf_extensions.py`` goes through it.
+A row of ``MATERIAL_EXTENSIONS`` says which fields of `Material` an extension holds, under which
+names. ``docs/guides/gltf.md`` has the table of all extensions, and
+``tests/io/test_gltf_extensions.py`` checks each of its rows.
 
 References
 ----------
@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 from rasterjit.io.gltf.json_checks import (
     get_clamped,
     get_clamped_numbers,
+    get_extension,
     get_integer,
     get_list,
     get_object,
@@ -35,20 +36,20 @@ from rasterjit.scene.texture import ColorSpace
 from rasterjit.scene.validation import brief
 
 MIN_ATTENUATION_DISTANCE = 1e-6
-"""Attenuation distance in place of 0, which a file may have."""
+"""Attenuation distance, scene units, that replaces a file's 0."""
 
 _EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 
 class MaterialExtension(NamedTuple):
-    """The properties of a material extension, by the fields of `Material`."""
+    """The properties of a material extension; keys are fields of `Material`."""
 
     numbers: Mapping[str, tuple[str, float, float]] = _EMPTY
-    """Name, default and largest value of a number."""
+    """A number's name in the file, default and largest value."""
     colors: Mapping[str, tuple[str, float, float]] = _EMPTY
-    """Name, default of all channels and largest value of a colour."""
+    """A colour's name in the file, default of all channels and largest value."""
     textures: Mapping[str, tuple[str, ColorSpace]] = _EMPTY
-    """Name and colour space of a texture."""
+    """A texture's name in the file, and its colour space."""
 
 
 MATERIAL_EXTENSIONS = {
@@ -96,45 +97,54 @@ MATERIAL_EXTENSIONS = {
 """The material extensions that are read and written."""
 
 NORMAL_SCALES = {"clearcoat_normal_texture": "clearcoat_normal_scale"}
-"""Field of the scale that a normal texture's entry holds."""
+"""For the field of a normal texture, the field of the scale that its entry also holds."""
 
 EXTENSION_TEXTURES = {
-    field: told for layer in MATERIAL_EXTENSIONS.values() for field, told in layer.textures.items()
+    field: name_and_space
+    for properties in MATERIAL_EXTENSIONS.values()
+    for field, name_and_space in properties.textures.items()
 }
-"""Name and colour space of the textures of all material extensions."""
+"""For each texture field of all material extensions: name in the file, and colour space."""
 
 
 def read_extensions(extensions: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """
-    Return the fields that a material's extensions tell, and what tells textures, by its name.
+    Read the extensions of a material.
 
     Parameters
     ----------
     extensions : dict
-        Of the material.
+        The object ``extensions`` of the material, JSON.
+
+    Returns
+    -------
+    fields : dict
+        Values of fields of `Material`: numbers and colours.
+    infos : dict
+        The object ``textureInfo`` of each texture, by its name in the file; None if it has none.
 
     Raises
     ------
     ValueError
-        If what an extension tells is not a number where it has to be.
+        If a number or a colour is of another type.
     """
     fields: dict[str, Any] = {}
     infos: dict[str, Any] = {}
-    for name, layer in MATERIAL_EXTENSIONS.items():
+    for name, properties in MATERIAL_EXTENSIONS.items():
         if name not in extensions:
             continue
         extension = get_object(extensions, name)
-        for field, (key, default, limit) in layer.numbers.items():
+        for field, (key, default, limit) in properties.numbers.items():
             fields[field] = get_clamped(extension, key, default, limit)
-        for field, (key, default, limit) in layer.colors.items():
+        for field, (key, default, limit) in properties.colors.items():
             fields[field] = get_clamped_numbers(extension, key, (default,) * 3, limit)
-        for field, (key, _) in layer.textures.items():
+        for field, (key, _) in properties.textures.items():
             infos[key] = extension.get(key)
             if field in NORMAL_SCALES:
                 scale = get_clamped(get_object(extension, key), "scale", 1.0, 1e3, -1e3)
                 fields[NORMAL_SCALES[field]] = scale
     if "ior" in fields and 0.0 < fields["ior"] < 1.0:
-        # Less than the vacuum has: nothing is mirrored.
+        # Below that of a vacuum: draw no reflection.
         fields["ior"] = 1.0
     if fields.get("attenuation_distance") == 0.0:
         fields["attenuation_distance"] = MIN_ATTENUATION_DISTANCE
@@ -145,24 +155,24 @@ def write_extensions(
     material: Material, infos: dict[str, dict[str, Any]]
 ) -> dict[str, dict[str, Any]]:
     """
-    Return what the extensions of a material tell, by their names; only those that it needs.
+    Return the object ``extensions`` of a material: only what differs from the default.
 
     Parameters
     ----------
     material : Material
     infos : dict
-        How its textures are used, by field.
+        The object ``textureInfo`` of each texture, by field. Scales of normal maps are added.
     """
     default_material, extensions = Material(), {}
-    for name, layer in MATERIAL_EXTENSIONS.items():
+    for name, properties in MATERIAL_EXTENSIONS.items():
         extension: dict[str, Any] = {}
-        for field, (key, _, _) in layer.numbers.items():
+        for field, (key, _, _) in properties.numbers.items():
             if getattr(material, field) != getattr(default_material, field):
                 extension[key] = getattr(material, field)
-        for field, (key, default, _) in layer.colors.items():
+        for field, (key, default, _) in properties.colors.items():
             if getattr(material, field) != (default,) * 3:
                 extension[key] = list(getattr(material, field))
-        for field, (key, _) in layer.textures.items():
+        for field, (key, _) in properties.textures.items():
             if field in infos:
                 extension[key] = infos[field]
                 if field in NORMAL_SCALES:
@@ -173,8 +183,7 @@ def write_extensions(
 
 
 VARIANTS = "KHR_materials_variants"
-
-_EXTENSIONS = "extensions"
+"""Extension that gives a primitive other materials, by the name of a variant of the file."""
 
 
 def read_variant_names(document: dict[str, Any], left_out: LeftOut) -> list[str | None]:
@@ -195,14 +204,14 @@ def read_variant_names(document: dict[str, Any], left_out: LeftOut) -> list[str 
     """
     names: list[str | None] = []
     try:
-        entries = get_list(get_object(get_object(document, _EXTENSIONS), VARIANTS), "variants")
+        entries = get_list(get_extension(document, VARIANTS), "variants")
     except ValueError as error:
         left_out.note(f"{VARIANTS}, which cannot be read: {error}")
         return names
-    for number, entry in enumerate(entries):
+    for index, entry in enumerate(entries):
         name = entry.get("name") if isinstance(entry, dict) else None
         if not isinstance(name, str) or not name:
-            left_out.note(f"variant {number}, which has no name")
+            left_out.note(f"variant {index}, which has no name")
             name = None
         elif name in names:
             left_out.note(f"second variant of the name {brief(name)}")
@@ -215,7 +224,7 @@ def read_variant_materials(
     primitive: dict[str, Any], names: Sequence[str | None], label: str, left_out: LeftOut
 ) -> dict[str, int]:
     """
-    Return the numbers of a primitive's materials by the names of variants.
+    Return the indices of a primitive's materials by the names of variants.
 
     Parameters
     ----------
@@ -225,22 +234,21 @@ def read_variant_materials(
     label : str
         What messages call the mesh.
     left_out : LeftOut
-        Notes variants that the file has not, that have two materials, and what is damaged.
+        Notes variants that the file does not list or that have two materials, and damaged entries.
     """
     materials: dict[str, int] = {}
     try:
-        extension = get_object(get_object(primitive, _EXTENSIONS), VARIANTS)
-        mappings = get_list(extension, "mappings")
+        mappings = get_list(get_extension(primitive, VARIANTS), "mappings")
     except ValueError as error:
         left_out.note(f"variants of {label}, which cannot be read: {error}")
         return materials
-    for number, mapping in enumerate(mappings):
+    for index, mapping in enumerate(mappings):
         try:
             entry = get_object({"a mapping": mapping}, "a mapping")
             material = get_integer(entry, "material")
             variants = get_list(entry, "variants")
         except ValueError as error:
-            left_out.note(f"mapping {number} of variants of {label}: {error}")
+            left_out.note(f"mapping {index} of variants of {label}: {error}")
             continue
         for variant in variants:
             if type(variant) is not int or not 0 <= variant < len(names):
@@ -250,13 +258,11 @@ def read_variant_materials(
                 )
                 continue
             name = names[variant]
-            if name is None:
-                # Its name was noted, where the list was read.
-                continue
             if name in materials:
                 left_out.note(f"second material of {label} for the variant {brief(name)}")
-                continue
-            materials[name] = material
+            elif name is not None:
+                # `read_variant_names` noted those without a name.
+                materials[name] = material
     return materials
 
 
@@ -264,22 +270,22 @@ def make_variant_mappings(
     materials: Mapping[str, int], names: Sequence[str]
 ) -> dict[str, list[dict[str, Any]]]:
     """
-    Return what a primitive says of its variants.
+    Return the object `VARIANTS` of a primitive.
 
     Parameters
     ----------
     materials : mapping of str to int
-        The numbers of the materials in the file, by the names of variants.
+        Indices of materials in the file, by the names of variants.
     names : sequence of str
-        Those of the file, in its order.
+        All variants of the file, in its order.
     """
-    variants: dict[int, list[int]] = {}
+    variants_by_material: dict[int, list[int]] = {}
     for name, material in materials.items():
-        variants.setdefault(material, []).append(names.index(name))
+        variants_by_material.setdefault(material, []).append(names.index(name))
     return {
         "mappings": [
-            {"material": material, "variants": sorted(numbers)}
-            for material, numbers in variants.items()
+            {"material": material, "variants": sorted(variants)}
+            for material, variants in variants_by_material.items()
         ]
     }
 
@@ -292,16 +298,16 @@ VISIBILITY = "KHR_node_visibility"
 LIGHTS = "KHR_lights_punctual"
 
 IMAGE_EXTENSIONS = (BASIS, "EXT_texture_avif", "EXT_texture_webp", "MSFT_texture_dds")
-"""Extensions that give a texture another image; the first that can be read is used."""
+"""Extensions that offer another image for a texture; the first that can be read is used."""
 
 EXTENSION_FORMATS = {"EXT_texture_avif": ("AVIF",), "MSFT_texture_dds": ("DDS",)}
-"""Formats, by Pillow's names, that are allowed only in an extension."""
+"""For an extension, the formats, as Pillow names them, that only its images may have."""
 
 LIBRARIES = {DRACO: "DracoPy", **dict.fromkeys(MESHOPT, "meshopt"), BASIS: "opengl_basisu"}
-"""Modules that decode the data of an extension; the extra ``gltf`` installs them."""
+"""The module that decodes an extension's data; ``rasterjit[gltf]`` installs it."""
 
 _MIN_PYTHON = {"meshopt": (3, 11)}
-"""Oldest Python version of a library, where it is newer than ours."""
+"""Oldest Python version that a module supports, where RasterJIT supports older ones."""
 
 SHOWN_EXTENSIONS = frozenset(
     (
@@ -310,6 +316,7 @@ SHOWN_EXTENSIONS = frozenset(
         "KHR_mesh_quantization", "KHR_materials_pbrSpecularGlossiness", *MATERIAL_EXTENSIONS,
     )
 )  # fmt: skip
+"""Extensions that are read and change the picture."""
 
 INVISIBLE_EXTENSIONS = frozenset(
     (
@@ -319,7 +326,7 @@ INVISIBLE_EXTENSIONS = frozenset(
         "FB_geometry_metadata", "GODOT_single_root", "MSFT_lod",
     )
 )  # fmt: skip
-"""Extensions that do not change a picture: of levels of detail, the finest is shown."""
+"""Extensions that do not change the picture; of levels of detail, the finest is drawn."""
 
 SUPPORTED_EXTENSIONS = SHOWN_EXTENSIONS | INVISIBLE_EXTENSIONS
 """Extensions that a file may require."""
@@ -331,9 +338,9 @@ class MissingLibraryError(ValueError):
 
 def check_library(extension: str) -> None:
     """Raise `MissingLibraryError` if an extension needs a library that is not installed."""
-    name = LIBRARIES.get(extension)
-    if name is None or importlib.util.find_spec(name) is not None:
+    module = LIBRARIES.get(extension)
+    if module is None or importlib.util.find_spec(module) is not None:
         return
-    oldest = _MIN_PYTHON.get(name, (0, 0))
+    oldest = _MIN_PYTHON.get(module, (0, 0))
     on = f" on Python {'.'.join(map(str, oldest))} or newer" if sys.version_info < oldest else ""
-    raise MissingLibraryError(f'{extension} needs {name}{on}; pip install "rasterjit[gltf]"')
+    raise MissingLibraryError(f'{extension} needs {module}{on}; pip install "rasterjit[gltf]"')
