@@ -29,7 +29,7 @@ from rasterjit.scene.hooks import call_higher_level
 from rasterjit.scene.material import Material
 from rasterjit.scene.norm import NormLike, RangeLike
 from rasterjit.scene.normals import (
-    GROUPS,
+    TANGENT_GROUPS,
     compute_smooth_normals,
     is_creased,
     number_normal_groups,
@@ -619,7 +619,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
             transform = tuple(check.finite_array("transform", transform, (6,)).tolist())
         uv = self.uv_sets[check.one_of("uv_set", uv_set, (0, 1))]
         if self.tangents is not None:
-            return np.repeat(self.tangents[:, np.newaxis], GROUPS, axis=1)
+            return np.repeat(self.tangents[:, np.newaxis], TANGENT_GROUPS, axis=1)
         if uv is None:
             name = UV_NAMES[uv_set]
             raise ValueError(f"mesh must have {name} or tangents to have tangents, got neither")

@@ -1,13 +1,12 @@
 """
 Compute the normals and tangents of a mesh's vertices.
 
-Normals follow from the geometry: smooth over curved surfaces, split along creases.
+Normals are averaged over the faces around a vertex, or split along creases.
 
-Tangents tell, vertex by vertex, which way the picture of a normal map lies on the surface. A face
-has a tangent where its texture coordinates have an area: the direction in which u grows. A vertex
-gets the mean tangent of the faces around it, weighted by their area. Where a picture is laid
-mirrored on one side of a seam, u grows the other way there, so a vertex has two means: one over the
-faces that show the picture as it is, one over the faces that show it mirrored.
+A tangent is the direction in which u grows on the surface: normal maps need it. A face has one if
+it has an area in texture coordinates. A vertex has the mean tangent of the faces around it,
+weighted by area. On one side of a seam the texture may be mirrored: there, u grows the other way.
+So a vertex has two means: over the faces that show the texture as it is, and mirrored.
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ _FACES_PER_CHUNK = 1 << 13
 """Faces or corners processed at once: large enough for NumPy, small beside a core's cache."""
 
 _MAX_NEIGHBOURS = 512
-"""Most faces at one creased position that are compared pair by pair, a quadratic effort."""
+"""Most faces at one creased position that are compared in pairs, which takes quadratic time."""
 
 _COSINE_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
-"""Rounding of the dot product of two unit normals, so that a face always matches itself."""
+"""Bound on the rounding of the dot product of two unit normals: a face must match itself."""
 
 _MAX_SAMPLED_VERTICES = 1 << 14
 """Most vertices whose edges are sampled to tell whether a mesh is creased."""
@@ -49,21 +48,22 @@ _MIN_CREASED_SHARE = 0.05
 
 _MAX_HALF_CREASES = 0.5
 """
-Largest number of half creases, edges neither smooth nor creases, per crease. Solids with flat sides
-have few, scans more than one as soon as their noise makes creases.
+Most half creases, edges neither smooth nor creases, for each crease. Solids with flat sides have
+few; scans whose noise makes creases have more than one.
 """
 
 _MAX_CANCELLING_SHARE = 2.0**-30
-"""Largest sum of faces, relative to the largest face, that is tested for cancellation."""
+"""Sums of area vectors up to this, relative to the largest vector, are tested for cancellation."""
 
 _CANCELLATION_ROUNDING = 2.0**-40
-"""Largest sum of cancelling faces, relative to their total: rounding of thousands."""
+"""Sums of area vectors up to this, relative to the sum of their sizes, are rounding alone: it is
+that of thousands of faces."""
 
 _TANGENT_FACES_PER_CHUNK = 1 << 18
 """Faces processed at once for tangents: large enough for NumPy, small beside the mesh."""
 
-GROUPS = 2
-"""Groups of faces with their own tangents: texture as it is, and texture mirrored."""
+TANGENT_GROUPS = 2
+"""Groups of faces with tangents of their own: the texture as it is, and mirrored."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def dot_rows(a: Float64, b: Float64) -> Float64:
 
 def unit_rows(vectors: Float64) -> Float64:
     """
-    Scale every row to unit length.
+    Scale each row to unit length.
 
     Parameters
     ----------
@@ -106,14 +106,14 @@ def unit_rows(vectors: Float64) -> Float64:
     """
     units = np.empty_like(vectors)
     for start in range(0, len(vectors), _FACES_PER_CHUNK):
-        # Columns that lie in one piece each take a third of the time of rows of three.
+        # Contiguous columns take a third of the time of rows of three.
         columns = np.array(vectors[start : start + _FACES_PER_CHUNK].T, order="C")
         units[start : start + _FACES_PER_CHUNK] = _normalize(columns).T
     return units
 
 
 def _normalize(columns: Float64) -> Float64:
-    """Scale vectors, (3, ...), to unit length in place, as `unit_rows` does."""
+    """Scale vectors, (3, ...), to unit length in place, as `unit_rows` does; return them."""
     x, y, z = columns
     largest = np.maximum(np.maximum(np.abs(x), np.abs(y)), np.abs(z))
     is_invalid = ~((largest > 0.0) & (largest < np.inf))
@@ -129,7 +129,7 @@ def _normalize(columns: Float64) -> Float64:
 
 def compute_area_vectors(vertices: Float64, faces: Int32, scale: float) -> Float64:
     """
-    Cross two edges of every face: a vector along its normal, twice its area long.
+    Return the cross product of two edges of each face: its normal times twice its area.
 
     Parameters
     ----------
@@ -141,7 +141,8 @@ def compute_area_vectors(vertices: Float64, faces: Int32, scale: float) -> Float
     Returns
     -------
     (F, 3) float64
-        Zero for faces without an area and for those that touch a NaN or infinite vertex.
+        Of the scaled vertices. Zero for faces without an area and for those that touch a NaN or
+        infinite vertex.
     """
     faces = rotate_corners(vertices, faces)
     cross = np.empty((len(faces), 3))
@@ -160,9 +161,9 @@ def compute_area_vectors(vertices: Float64, faces: Int32, scale: float) -> Float
 
 
 def safe_scale(low: Float64, high: Float64) -> float:
-    """Return the power of two that brings a box's farthest corner to length about one."""
+    """Return the power of two that scales a box's largest coordinate to 0.5 .. 1."""
     largest = float(max(np.abs(low).max(), np.abs(high).max()))
-    # 2^±1000 stays clear of overflow and of subnormal numbers.
+    # Products with 2^±1000 neither overflow nor become subnormal.
     return math.ldexp(1.0, max(-1000, min(1000, -math.frexp(largest)[1])))
 
 
@@ -179,15 +180,15 @@ def compute_smooth_normals(
     scale : float
         Factor on the vertices, from `safe_scale`.
     groups : (V,) int32, optional
-        The number of each vertex's group, to average over the faces around all of a group. Default:
-        each is alone.
+        The number of each vertex's group: vertices of a group share the faces around them. Default:
+        each vertex is a group.
 
     Returns
     -------
     (V, 3) float32
         Unit normals; zero where no face with an area touches the vertex. Where faces cancel, as
-        those of a sheet with faces on both sides, the normal of the first face's side. Sums run in
-        face order, for the same bits on every run.
+        those of a sheet with faces on both sides do, the normal of the first face's side. Sums run
+        in face order, for the same bits on every run.
     """
     count = len(vertices) if groups is None else int(groups.max()) + 1
     sums, largest = np.zeros((3, count), dtype=np.float64), 0.0
@@ -197,11 +198,11 @@ def compute_smooth_normals(
         largest = max(largest, float(vectors.max()), -float(vectors.min()))
         _add_at_corners(sums, chunk if groups is None else groups[chunk], vectors)
     sums_by_group = np.ascontiguousarray(sums.T)
-    # Sums that are small beside the largest face may be of faces that cancel.
+    # Small sums may be of faces that cancel.
     is_small = np.abs(sums, out=sums).max(axis=0) <= _MAX_CANCELLING_SHARE * largest
     if is_small.any():
         vertex_groups = np.arange(count, dtype=np.int32) if groups is None else groups
-        _use_one_side(sums_by_group, is_small, vertices, faces, vertex_groups, scale)
+        _replace_cancelling_sums(sums_by_group, is_small, vertices, faces, vertex_groups, scale)
     normals = unit_rows(sums_by_group).astype(np.float32)
     return normals if groups is None else normals[groups]
 
@@ -210,7 +211,7 @@ def repair_normals(
     normals: Float32, vertices: Float64, faces: Int32, scale: float
 ) -> tuple[Float32, int]:
     """
-    Replace normals of length 0 by those of the faces around their vertices.
+    Replace normals of length 0 by smooth ones.
 
     Parameters
     ----------
@@ -233,7 +234,7 @@ def repair_normals(
     return np.where(is_zero[:, np.newaxis], computed, normals), int(np.count_nonzero(is_zero))
 
 
-def _use_one_side(
+def _replace_cancelling_sums(
     sums: Float64, is_small: Bool, vertices: Float64, faces: Int32, groups: Int32, scale: float
 ) -> None:
     """
@@ -248,23 +249,22 @@ def _use_one_side(
     vertices, faces, groups, scale
         As `compute_smooth_normals` takes them, but groups are required.
     """
-    is_corner = is_small[groups[faces]]
-    adjacent = faces[is_corner.any(axis=1)]
+    # Corners of faces with an area, in groups with small sums.
+    adjacent = faces[is_small[groups[faces]].any(axis=1)]
     vectors = compute_area_vectors(vertices, adjacent, scale)
     has_area = vectors.any(axis=1)
-    adjacent, vectors = adjacent[has_area], vectors[has_area]
-    corner_groups, vectors = groups[adjacent].ravel(), np.repeat(vectors, 3, axis=0)
-    is_corner = is_small[corner_groups]
-    corner_groups, vectors = corner_groups[is_corner], vectors[is_corner]
+    corner_groups = groups[adjacent[has_area]].ravel()
+    vectors = np.repeat(vectors[has_area], 3, axis=0)
+    is_chosen = is_small[corner_groups]
+    corner_groups, vectors = corner_groups[is_chosen], vectors[is_chosen]
+    # Groups whose faces cancel, and their corners.
     total = np.zeros(len(sums))
     np.add.at(total, corner_groups, np.abs(vectors).max(axis=1))
-    is_cancelling = (
-        is_small
-        & (total > 0.0)
-        & (np.abs(sums).max(axis=1, initial=0.0) <= _CANCELLATION_ROUNDING * total)
-    )
-    is_corner = is_cancelling[corner_groups]
-    corner_groups, vectors = corner_groups[is_corner], vectors[is_corner]
+    largest = np.abs(sums).max(axis=1, initial=0.0)
+    is_cancelling = is_small & (total > 0.0) & (largest <= _CANCELLATION_ROUNDING * total)
+    is_chosen = is_cancelling[corner_groups]
+    corner_groups, vectors = corner_groups[is_chosen], vectors[is_chosen]
+    # Sums over the side of the first face.
     group_ids, first = np.unique(corner_groups, return_index=True)
     side_normal = np.zeros_like(sums)
     side_normal[group_ids] = vectors[first]
@@ -275,7 +275,7 @@ def _use_one_side(
 
 
 def number_normal_groups(vertices: Float64, normals: Float32) -> Int32:
-    """Number groups of vertices with the same position and normal, (V,) int32."""
+    """Return the group, (V,) int32, of each vertex: those with the same position and normal."""
     return distinct_rows(*vertices.T, *normals.T)[0].astype(np.int32)
 
 
@@ -283,11 +283,10 @@ def is_creased(vertices: Float64, faces: Int32, scale: float) -> bool:
     """
     Tell whether a mesh has creases, which smooth normals would round off.
 
-    An edge that two faces share is smooth where they meet at less than 20 degrees, and a crease at
-    60 to 135. A creased mesh has many creases, and few edges between the two: boxes, cylinders and
-    parts of machines are, while balls of few faces, scans and noisy surfaces are not. Of a large
-    mesh the edges at some 16 thousand vertices are looked at, and first at a few, which will do for
-    most smooth ones.
+    An edge is smooth if its two faces meet at less than 20 degrees, and a crease at 60 to 135. A
+    creased mesh has many creases, and few edges that are neither. Boxes, cylinders and parts of
+    machines are creased; balls of few faces, scans and noisy surfaces are not. Of a large mesh, a
+    sample of vertices and their edges is tested.
 
     Parameters
     ----------
@@ -296,6 +295,7 @@ def is_creased(vertices: Float64, faces: Int32, scale: float) -> bool:
     scale : float
         Factor on the vertices, from `safe_scale`.
     """
+    # A few vertices, with a tolerance, suffice for most smooth meshes; then all or many.
     for max_vertices, tolerance in ((_FIRST_SAMPLED_VERTICES, 2.0), (_MAX_SAMPLED_VERTICES, 1.0)):
         if max_vertices == _FIRST_SAMPLED_VERTICES and len(vertices) <= 2 * max_vertices:
             continue
@@ -311,18 +311,19 @@ def is_creased(vertices: Float64, faces: Int32, scale: float) -> bool:
 def _count_edges(
     vertices: Float64, faces: Int32, scale: float, max_vertices: int
 ) -> tuple[int, int, int]:
-    """Count shared edges at about ``max_vertices`` vertices: all, creases, half creases."""
+    """Count the shared edges at about ``max_vertices`` vertices: all, creases, half creases."""
+    # Faces at sampled vertices.
     is_sampled = np.ones(len(vertices), bool)
     if len(vertices) > max_vertices:
-        # Multiples of the golden ratio, modulo 1, are spread evenly over any row of vertices.
+        # Multiples of the golden ratio, modulo 1, are spread evenly over any run of vertices.
         hashes = np.arange(len(vertices), dtype=np.uint32) * np.uint32(2654435769)
         is_sampled = hashes < np.uint32((max_vertices << 32) // len(vertices))
-        first, second_corner, third_corner = faces.T
-        faces = faces[is_sampled[first] | is_sampled[second_corner] | is_sampled[third_corner]]
+        a, b, c = faces.T
+        faces = faces[is_sampled[a] | is_sampled[b] | is_sampled[c]]
     directions = unit_rows(compute_area_vectors(vertices, faces, scale))
     has_area = directions.any(axis=1)
     faces, directions = faces[has_area], directions[has_area]
-    # Pair the faces that run along an edge in opposite directions.
+    # Pairs of faces that run along an edge in opposite directions.
     starts = faces.ravel().astype(np.int64)
     ends = np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     keys = np.minimum(starts, ends) * len(vertices) + np.maximum(starts, ends)
@@ -330,6 +331,7 @@ def _count_edges(
     order = order[np.argsort(keys[order], kind="stable")]
     first, second = order[:-1], order[1:]
     is_pair = (keys[first] == keys[second]) & (starts[first] != starts[second])
+    # Their angles.
     cosines = dot_rows(directions[first[is_pair] // 3], directions[second[is_pair] // 3])
     smooth_cosine, crease_cosine, sharp_cosine = (
         sine_cosine(angle)[1] for angle in (20.0, 60.0, 135.0)
@@ -342,20 +344,20 @@ def _count_edges(
 
 
 def _add_at_corners(sums: Float64, corners: NDArray[np.integer], vectors: Float64) -> None:
-    """Add every face's vector to the sums (3, n) at its three corners, in face order."""
-    index = corners.ravel()
+    """Add each face's vector, (F, 3), to the sums, (3, n), at its three corners, in face order."""
+    indices = corners.ravel()
     for axis in range(3):
-        np.add.at(sums[axis], index, np.repeat(vectors[:, axis], 3))
+        np.add.at(sums[axis], indices, np.repeat(vectors[:, axis], 3))
 
 
 def split_creases(
     vertices: Float64, faces: Int32, scale: float, angle: float, merge: bool
 ) -> SplitVertices:
     """
-    Split vertices so that each corner gets the mean normal of the nearly coplanar faces around it.
+    Split vertices so that each corner gets the mean normal of the smooth surface around it.
 
     A face counts for a corner if its normal lies within ``angle`` of the normal of the corner's own
-    face; it counts by its area. Positions are merged when their coordinates are the same bits.
+    face; it is weighted by its area. Positions are merged if their coordinates are the same bits.
 
     Parameters
     ----------
@@ -366,13 +368,14 @@ def split_creases(
     angle : float
         Crease angle, degrees in 0..180.
     merge : bool
-        Whether vertices at one position with one normal become one vertex (a mesh whose vertices
-        carry nothing but their position), or each old vertex keeps a vertex of its own.
+        Whether vertices with the same position and normal become one vertex, for a mesh whose
+        vertices hold nothing but their position; else each old vertex remains.
 
     Returns
     -------
     SplitVertices
     """
+    # Mean normals of positions, and which of them are creased.
     position_of_vertex, first_of_position = distinct_rows(*vertices.T)
     positions = position_of_vertex.take(faces)
     areas = compute_area_vectors(vertices, faces, scale)
@@ -382,7 +385,6 @@ def split_creases(
     directions = unit_rows(areas)
     has_area = dot_rows(directions, directions) > 0.0
     creased = _mark_creased_positions(positions, directions, has_area, means, angle)
-
     # Every vertex starts with the mean normal of its position.
     corner_vertices: NDArray[np.integer]
     if merge:
@@ -394,8 +396,8 @@ def split_creases(
     corners = np.flatnonzero(creased[positions.ravel()])
     corner_normals = _average_corner_normals(corners, positions.ravel(), areas, directions, angle)
     # A face without an area has no normal to compare: it takes the mean of its position.
-    flat = np.flatnonzero(~has_area.take(corners // 3))
-    corner_normals[flat] = means[positions.ravel()[corners[flat]]]
+    degenerate = np.flatnonzero(~has_area.take(corners // 3))
+    corner_normals[degenerate] = means[positions.ravel()[corners[degenerate]]]
     corner_normals += np.float32(0.0)
     return _split_vertices(corner_vertices, sources, normals, corners, corner_normals)
 
@@ -404,10 +406,10 @@ def _mark_creased_positions(
     positions: Int64, directions: Float64, has_area: Bool, means: Float64, angle: float
 ) -> Bool:
     """
-    Mark the positions where some face lies further than half the angle from the mean.
+    Mark the positions where some face's normal is further than half the angle from the mean.
 
-    Where all faces lie within half the angle of the mean, all pairs lie within the angle of each
-    other and every corner's average is the mean itself.
+    Elsewhere all pairs of faces are within the angle of each other, so each corner's normal is the
+    mean itself.
     """
     min_cosine = sine_cosine(angle / 2.0)[1] - _COSINE_ROUNDING
     creased = np.zeros(len(means), dtype=bool)
@@ -425,10 +427,10 @@ def _average_corner_normals(
     corners: Int64, position_of_corner: Int64, areas: Float64, directions: Float64, angle: float
 ) -> Float32:
     """
-    Average, for each listed corner, the faces at its position within the angle of its own.
+    Average, for each corner listed, the normals of faces at its position that match its own face's.
 
-    Where more than `_MAX_NEIGHBOURS` faces meet, as at the tip of a finely cut cone, each corner
-    keeps the normal of its own face.
+    Normals match within the angle. Where more than `_MAX_NEIGHBOURS` faces meet, as at the tip of a
+    cone with many sides, each corner has the normal of its own face.
     """
     min_cosine = sine_cosine(angle)[1] - _COSINE_ROUNDING
     normals = np.empty((len(corners), 3), dtype=np.float32)
@@ -436,7 +438,7 @@ def _average_corner_normals(
     order = np.argsort(position, kind="stable")
     group_start = np.flatnonzero(np.diff(position.take(order), prepend=-1))
     group_size = np.diff(np.append(group_start, len(corners)))
-    # Groups of one size are handled together, as (corner, group) blocks.
+    # Positions with the same number of corners are processed together, as (corner, group) blocks.
     for size in np.flatnonzero(np.bincount(group_size)).tolist():
         starts = group_start[group_size == size]
         groups_at_once = max(1, _FACES_PER_CHUNK // size)
@@ -469,7 +471,7 @@ def _split_vertices(
         return SplitVertices(faces.reshape(-1, 3), sources, normals)
     vertex = faces[corners]
     pair_ids, first = distinct_rows(vertex, *corner_normals.T)
-    # The first normal of an owner takes the owner's own vertex, the others get new ones.
+    # The first normal at a vertex takes that vertex, the others get new ones.
     vertex = vertex[first]
     first_pair = np.empty(len(sources), dtype=np.int64)
     first_pair[vertex[::-1]] = np.arange(len(vertex))[::-1]
@@ -491,7 +493,7 @@ def vertex_tangents(
     transform: tuple[float, ...] | None = None,
 ) -> Float32:
     """
-    Return the tangents of every vertex, one for each group of faces.
+    Return the tangents of each vertex, one for each of `TANGENT_GROUPS`.
 
     Parameters
     ----------
@@ -502,64 +504,66 @@ def vertex_tangents(
     scale : float
         Factor on the vertices, from `normals.safe_scale`.
     transform : six floats, optional
-        What `Texture.transform` makes of the coordinates; the tangents are those of the result.
+        As `Texture.transform` has it: tangents are those of the transformed coordinates.
 
     Returns
     -------
     (V, 2, 4) float32
-        Unit tangents in model space, zero where no face of the group has one; then 1 where v grows
-        to the left of the tangent seen from the front of the face, -1 where to the right. The
-        group is that of ``uv``, before the transform.
+        Unit tangents in model space, zero where no face of the group has one. The fourth number is
+        1 where v grows to the left of the tangent, seen from the front of the face, and -1 where to
+        the right. Whether a face is mirrored depends on ``uv`` before the transform.
     """
-    sums = np.zeros((GROUPS, 3, len(vertices)), np.float64)
+    sums = np.zeros((TANGENT_GROUPS, 3, len(vertices)), np.float64)
     for start in range(0, len(faces), _TANGENT_FACES_PER_CHUNK):
         chunk = faces[start : start + _TANGENT_FACES_PER_CHUNK]
         tangents, is_mirrored = _compute_face_tangents(vertices, chunk, uv, scale, transform)
-        for group in range(GROUPS):
+        for group in range(TANGENT_GROUPS):
             in_group = is_mirrored == bool(group)
             corners = chunk[in_group].ravel()
             for axis in range(3):
                 np.add.at(sums[group, axis], corners, np.repeat(tangents[in_group, axis], 3))
-    result = np.empty((len(vertices), GROUPS, 4), np.float32)
+    result = np.empty((len(vertices), TANGENT_GROUPS, 4), np.float32)
     determinant = 1.0 if transform is None else _determinant(transform)
-    for group in range(GROUPS):
+    for group in range(TANGENT_GROUPS):
         result[:, group, :3] = unit_rows(np.ascontiguousarray(sums[group].T))
         result[:, group, 3] = (-1.0 if determinant < 0.0 else 1.0) * (1.0 - 2.0 * group)
     return result
 
 
 def _determinant(transform: tuple[float, ...]) -> float:
-    """Return the determinant of a transform of coordinates; below 0 if it mirrors."""
+    """Return the determinant of a transform of texture coordinates; negative if it mirrors."""
     return transform[0] * transform[4] - transform[1] * transform[3]
 
 
 def _compute_face_tangents(
     vertices: Float64, faces: Int32, uv: Float32, scale: float, transform: tuple[float, ...] | None
 ) -> tuple[Float64, Bool]:
-    """Return each face's tangent (F, 3), as long as twice its area, and whether it is mirrored."""
+    """Return each face's tangent times twice its area, (F, 3), and whether it is mirrored, (F,)."""
     a, b, c = (vertices[corner] * scale for corner in faces.T)
     with np.errstate(invalid="ignore", over="ignore"):
         edge_ab, edge_ac = b - a, c - a
         areas = compute_area_vectors(vertices, faces, scale)
         u, v = uv[:, 0].astype(np.float64), uv[:, 1].astype(np.float64)
-        ab, ac = _uv_steps(faces, u, v, 1), _uv_steps(faces, u, v, 2)
-        is_mirrored = ab[0] * ac[1] < ac[0] * ab[1]
+        uv_ab, uv_ac = _uv_edges(faces, u, v, 1), _uv_edges(faces, u, v, 2)
+        is_mirrored = uv_ab[0] * uv_ac[1] < uv_ac[0] * uv_ab[1]
         if transform is not None:
-            ab, ac = _apply(ab, transform), _apply(ac, transform)
-        uv_areas = ab[0] * ac[1] - ac[0] * ab[1]
-        tangents = edge_ab * ac[1][:, np.newaxis] - edge_ac * ab[1][:, np.newaxis]
+            uv_ab, uv_ac = _transform_uv(uv_ab, transform), _transform_uv(uv_ac, transform)
+        uv_areas = uv_ab[0] * uv_ac[1] - uv_ac[0] * uv_ab[1]
+        tangents = edge_ab * uv_ac[1][:, np.newaxis] - edge_ac * uv_ab[1][:, np.newaxis]
     sizes = np.sqrt(dot_rows(areas, areas)) * np.sign(uv_areas)
     tangents[~np.isfinite(tangents).all(axis=1) | ~np.isfinite(sizes)] = 0.0
     return unit_rows(tangents) * np.nan_to_num(sizes)[:, np.newaxis], is_mirrored
 
 
-def _uv_steps(faces: Int32, u: Float64, v: Float64, corner: int) -> tuple[Float64, Float64]:
-    """Return the differences of u and v from the first corner of each face to another."""
-    first, other = faces[:, 0], faces[:, corner]
-    return u[other] - u[first], v[other] - v[first]
+def _uv_edges(faces: Int32, u: Float64, v: Float64, corner: int) -> tuple[Float64, Float64]:
+    """Return the differences of u and v, (F,) each, from the first corner of faces to another."""
+    a, b = faces[:, 0], faces[:, corner]
+    return u[b] - u[a], v[b] - v[a]
 
 
-def _apply(step: tuple[Float64, Float64], transform: tuple[float, ...]) -> tuple[Float64, Float64]:
-    """Apply a transform of the coordinates to differences of u and v."""
-    u, v = step
+def _transform_uv(
+    edges: tuple[Float64, Float64], transform: tuple[float, ...]
+) -> tuple[Float64, Float64]:
+    """Apply the linear part of a transform of texture coordinates to differences of u and v."""
+    u, v = edges
     return transform[0] * u + transform[1] * v, transform[3] * u + transform[4] * v

@@ -36,7 +36,7 @@ from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.mip_levels import level_sizes
-from rasterjit.scene.normals import GROUPS
+from rasterjit.scene.normals import TANGENT_GROUPS
 from rasterjit.scene.points import Points
 from rasterjit.scene.texture import WEIGHTED, AlphaUse, Pyramid, Texture
 from rasterjit.survey import object_counts
@@ -57,7 +57,7 @@ MIN_SEARCHED_VERTICES = 1 << 16
 VERTICES_PER_BLOCK = 1 << 12
 """Consecutive vertices that are skipped together if all are unused."""
 
-_NO_TANGENTS = np.zeros((0, GROUPS, 4), np.float32)
+_NO_TANGENTS = np.zeros((0, TANGENT_GROUPS, 4), np.float32)
 
 _WHITE, _BLACK, _UNLIT = (1.0,) * 3, (0.0,) * 3, (0.0,) * 4
 
@@ -509,7 +509,7 @@ def _join_tangents(runs: Sequence[tuple[Mesh, int]], kind: int) -> NDArray[np.fl
     parts = []
     for mesh, count in runs:
         texture = mesh.material.textures_read()[kind]
-        tangents = np.zeros((len(mesh.vertices), GROUPS, 4), np.float32)
+        tangents = np.zeros((len(mesh.vertices), TANGENT_GROUPS, 4), np.float32)
         if texture is not None:
             uv = mesh.uv_sets[texture.uv_set]
             if uv is not None or mesh.tangents is not None:
