@@ -4,43 +4,44 @@ Draw the classic primitives: filled triangles, circles and Bezier curves.
 Coordinates are integer pixels, x right and y down: the vertex (3, 5) is the centre of that pixel,
 so samples on edges and vertices are common and the rule for ties matters.
 
-Targets are flat-packed as in ``bresenham``: ``(H, W) uint32`` views of ``(H, W, 4) uint8`` RGBA,
-red in the lowest byte; so are the colours given, *pixels*. Coordinates and radii are at most
+Targets are ``(H, W) uint32`` views of ``(H, W, 4) uint8`` RGBA, as in ``bresenham``: a *packed*
+colour has red in the lowest byte, and so have the colours given. Coordinates and radii are at most
 ``MAX_COORDINATE`` in magnitude, so twice the area ``A2`` of a triangle is at most 2**42, an edge
 function 2**43, and every sum below 2**53.
 
 Filling
 -------
-With ``E0 + E1 + E2 = A2`` the edge functions opposite the three vertices, turned such that they are
-positive inside, a pixel is covered if every ``E + bias >= 0``. The bias is data: 0 keeps pixels on
-the edge (the inclusive rule); -1 drops them, and the top-left rule has it on every edge that is
-neither a top edge (horizontal, above the triangle) nor a left one. A triangle of no area covers
-nothing under either rule.
+``E0``, ``E1`` and ``E2`` are the edge functions opposite the three vertices, positive inside; their
+sum is ``A2``. A pixel is covered if every ``E + bias >= 0``. A bias of 0 keeps the pixels on an
+edge (the inclusive rule), -1 drops them. The top-left rule has -1 on every edge that is neither a
+top edge (horizontal, above the triangle) nor a left one. A triangle of no area covers nothing under
+either rule.
 
 A channel is ``floor((E0 c0 + E1 c1 + E2 c2) / A2 + 1/2)``, which is one integer division of
 ``2 (E0 c0 + E1 c1 + E2 c2) + A2`` by ``2 A2``. The depth is ``d0 + (E1 / A2) (d1 - d0) + (E2 / A2)
-(d2 - d0)`` in ``float64``, stored as ``float32``. The vertices are first put in one order, so their
-order and winding change no bit of the result.
+(d2 - d0)`` in ``float64``, stored as ``float32``. The vertices are sorted first, so their order and
+winding change no bit of the result.
 
 Curves
 ------
 A curve is cut at equal steps of its parameter into chords, which stay within ``FLATNESS_PX`` of it.
 Their ends are not rounded. A chord with ``|dx| >= |dy|`` is drawn by columns: for each column that
 it crosses the nearest pixel, at most half a pixel from the chord. A steeper one is drawn by rows.
-Places that lie less than ``TIE_PX`` below a tie between two pixels are rounded up like the tie, so
-rounding errors, all of them smaller, do not matter.
+Positions less than ``TIE_PX`` below a tie between two pixels are rounded up like the tie. Rounding
+errors are smaller, so they decide nothing.
 
-From one column to the next a path moves by a pixel or by a diagonal, also where chords of one
-heading meet. At a *turn*, where the axis or a direction changes, the pixel in which the chords
-meet is a neighbour of the ones before and after it, or one of them. It is drawn if these two do not
-touch, if the curve goes back there, or if the point where the chords meet is further than
-``MAX_TURN_DISTANCE_PX`` from both. The same holds for the pixels of the two end points, which are
+The *heading* of a chord is the axis that it is drawn along and the signs of its two directions.
+From one column to the next, a path moves to a neighbour by a side or a corner, also where chords of
+one heading meet. At a *turn*, where the heading changes, the pixel in which the chords meet is the
+pixel before or after it, or a neighbour of both. It is drawn if these two do not touch, if the
+curve goes back there, or if the point where the chords meet is further than
+``MAX_TURN_DISTANCE_PX`` from both. The end points are joined to the path in the same way, and
 always drawn.
 
 So the pixels of a curve form one path without gaps. The centre of each is within
 ``1/2 + FLATNESS_PX`` of the curve, or within ``sqrt(1/2)`` where it holds a turn or an end; and the
-curve is nowhere further than a pixel from one of them. No pixel follows itself; the path comes to a
-pixel again only if the curve does, and then the later colour stays.
+curve is nowhere further than a pixel from one of them. No pixel is drawn twice in a row; where the
+curve returns to a pixel, the later colour stays.
 
 References
 ----------
@@ -70,7 +71,7 @@ from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int64, uint32
 
 CORNER = (int64, int64, int64, float64)
-"""A triangle's corner: x and y, pixels; its colour, a pixel; its depth."""
+"""A triangle's corner: x and y, pixels; packed colour; depth."""
 
 MAX_COORDINATE = 1 << 20
 """Largest magnitude of a coordinate or radius, pixels; see the module's notes."""
@@ -79,13 +80,14 @@ INCLUSIVE_BIAS = 0
 """Bias that keeps the pixels on an edge."""
 
 EXCLUSIVE_BIAS = -1
-"""Bias that drops the pixels on an edge: edge functions are integers."""
+"""Bias that drops the pixels on an edge; edge functions are integers, so -1 is the largest."""
 
 FLATNESS_PX = 0.125
-"""Largest distance of a curve from its chords, pixels: a quarter of the tolerance of pixels."""
+"""Largest distance of a curve from its chords, pixels: a quarter of the distance that rounding to
+pixels adds."""
 
 CURVE_BITS = 40
-"""Fraction bits of a chord's crossings of columns; coordinates and a sign still fit ``int64``."""
+"""Fraction bits of where a chord crosses columns; coordinates and a sign still fit ``int64``."""
 
 TIE_PX = 2.0**-22
 """
@@ -94,34 +96,34 @@ rounding errors along a chord of up to 2**18 pixels.
 """
 
 MIN_COLUMN_SHARE = 1.0 - 2.0**-34
-"""Least ``|dx| / |dy|`` of chords that are walked by columns."""
+"""Least ``|dx| / |dy|`` of chords that are drawn by columns."""
 
 MAX_TURN_DISTANCE_PX = 0.8
-"""Largest distance of a turn that is not drawn from the pixels before or after it, pixels."""
+"""Pixels from the one before or after it up to which a turn need not be drawn."""
 
 
 @helper
 def is_above(corner, other):
-    """Return whether a corner lies above another, or beside it to the left."""
+    """Tell whether a corner is above another, or at the same height to the left of it."""
     return corner[1] < other[1] or (corner[1] == other[1] and corner[0] < other[0])
 
 
 @helper
 def order_corners(corners):
     """
-    Return the corners in a fixed order, positively wound, and A2.
+    Return the corners sorted, with positive winding, and twice the triangle's area.
 
-    Positive is clockwise on the screen. Any order given returns the same order.
+    Positive is clockwise on the screen. Any order of the same corners returns the same.
     """
     a, b, c = corners
     if is_above(c, a) and is_above(c, b):
         a, b, c = c, a, b
     elif is_above(b, a):
         a, b, c = b, c, a
-    area = compute_edge(a, b, c[0], c[1])
-    if area < 0:
-        return a, c, b, -area
-    return a, b, c, area
+    double_area = compute_edge(a, b, c[0], c[1])
+    if double_area < 0:
+        return a, c, b, -double_area
+    return a, b, c, double_area
 
 
 @helper
@@ -141,7 +143,7 @@ def choose_bias(start, end, other_bias):
 
 @helper
 def make_edge_plane(start, end, other_bias):
-    """Return an edge function as its gain along x, its gain along y, its value at 0 and bias."""
+    """Return an edge function: its steps along x and along y, its value at (0, 0), its bias."""
     return (
         start[1] - end[1], end[0] - start[0], compute_edge(start, end, 0, 0),
         choose_bias(start, end, other_bias),
@@ -150,7 +152,7 @@ def make_edge_plane(start, end, other_bias):
 
 @helper
 def set_up_triangle(corners, other_bias):
-    """Return the edge planes opposite the ordered corners, their pixels and depths, and A2."""
+    """Return the sorted corners' opposite edges, packed colours and depths, and twice the area."""
     a, b, c, double_area = order_corners(corners)
     planes = (
         make_edge_plane(b, c, other_bias),
@@ -190,25 +192,25 @@ def compute_numerator(colors, channel, e0, e1, e2):
 
 @helper
 def mix_pixel(colors, double_area, e0, e1, e2):
-    """Interpolate an RGBA pixel by its edge functions, each channel rounded half up."""
-    pixel = np.int64(0)
+    """Interpolate a packed colour by edge functions, each channel rounded half up."""
+    color = np.int64(0)
     for channel in range(4):
         numerator = compute_numerator(colors, channel, e0, e1, e2)
-        pixel |= ((2 * numerator + double_area) // (2 * double_area)) << (8 * channel)
-    return pixel
+        color |= ((2 * numerator + double_area) // (2 * double_area)) << (8 * channel)
+    return color
 
 
 @helper
 def update_depth(depth, corner_depths, double_area, e1, e2, x, y):
-    """Store a pixel's depth if it is nearer; return whether it is, or True without a depth test."""
+    """Store a pixel's depth if it is nearer; tell whether it is, or True without a depth test."""
     if depth.shape[0] == 0:
         return True
     d0, d1, d2 = corner_depths
-    mixed = d0 + (e1 / double_area) * (d1 - d0) + (e2 / double_area) * (d2 - d0)
-    nearer = np.float32(mixed) < depth[y, x]
-    if nearer:
-        depth[y, x] = np.float32(mixed)
-    return nearer
+    value = np.float32(d0 + (e1 / double_area) * (d1 - d0) + (e2 / double_area) * (d2 - d0))
+    is_nearer = value < depth[y, x]
+    if is_nearer:
+        depth[y, x] = value
+    return is_nearer
 
 
 @kernel
@@ -225,12 +227,12 @@ def fill_triangle(
         RGBA pixels, red in the lowest byte.
     depth : (H, W) float32, or (0, 0) for no depth test
         Smaller is nearer; only nearer pixels are drawn, and replace the depth.
-    corners : three of (x, y, pixel, depth)
+    corners : three of (x, y, packed colour, depth)
         In either winding. Magnitudes of x and y are at most ``MAX_COORDINATE`` pixels; depths are
         finite, or any without a depth test.
     other_bias : int
-        Of edges that are neither top nor left: ``EXCLUSIVE_BIAS`` is the top-left rule,
-        ``INCLUSIVE_BIAS`` the inclusive one.
+        Bias of edges that are neither top nor left: ``EXCLUSIVE_BIAS`` for the top-left rule,
+        ``INCLUSIVE_BIAS`` for the inclusive one.
 
     Writes ``target`` and ``depth``.
 
@@ -247,46 +249,45 @@ def fill_triangle(
             e0 = evaluate_plane(plane0, x, y)
             e1 = evaluate_plane(plane1, x, y)
             e2 = evaluate_plane(plane2, x, y)
-            covered = e0 + plane0[3] >= 0 and e1 + plane1[3] >= 0 and e2 + plane2[3] >= 0
-            if covered and update_depth(depth, depths, double_area, e1, e2, x, y):
+            is_covered = e0 + plane0[3] >= 0 and e1 + plane1[3] >= 0 and e2 + plane2[3] >= 0
+            if is_covered and update_depth(depth, depths, double_area, e1, e2, x, y):
                 target[y, x] = mix_pixel(colors, double_area, e0, e1, e2)
 
 
 @helper
 def clip_span(plane, y, x_first, x_last):
-    """Return the part of a row's span on the inner side of one edge; first > last if none."""
-    gain = plane[0]
-    rest = plane[1] * y + plane[2] + plane[3]
-    if gain > 0:
-        x_first = max(x_first, -(rest // gain))
-    elif gain < 0:
-        x_last = min(x_last, rest // -gain)
-    elif rest < 0:
+    """Return the part of a row's span on the inner side of an edge; first > last if none."""
+    step = plane[0]
+    value_at_0 = plane[1] * y + plane[2] + plane[3]
+    if step > 0:
+        x_first = max(x_first, -(value_at_0 // step))
+    elif step < 0:
+        x_last = min(x_last, value_at_0 // -step)
+    elif value_at_0 < 0:
         x_last = x_first - 1
     return x_first, x_last
 
 
 @helper
-def start_channel(colors, channel, edges, gains, double_area):
-    """Return quotient and remainder by ``2 A2`` of a channel, and of its gain per pixel."""
+def start_channel(colors, channel, edges, edge_steps, double_area):
+    """Return quotient and remainder by ``2 A2`` of a channel, and of its step per pixel."""
     divisor = 2 * double_area
-    value = 2 * compute_numerator(colors, channel, edges[0], edges[1], edges[2])
-    gain = 2 * compute_numerator(colors, channel, gains[0], gains[1], gains[2])
-    value += double_area
-    return value // divisor, value % divisor, gain // divisor, gain % divisor
+    value = 2 * compute_numerator(colors, channel, edges[0], edges[1], edges[2]) + double_area
+    step = 2 * compute_numerator(colors, channel, edge_steps[0], edge_steps[1], edge_steps[2])
+    return value // divisor, value % divisor, step // divisor, step % divisor
 
 
 @helper
-def advance_channel(walk, divisor):
-    """Return a channel one pixel to the right: add the gain, carry the remainder."""
-    quotient, remainder, quotient_gain, remainder_gain = walk
-    remainder += remainder_gain
+def advance_channel(state, divisor):
+    """Return a channel's state one pixel to the right: add the step, carry the remainder."""
+    quotient, remainder, quotient_step, remainder_step = state
+    remainder += remainder_step
     carry = np.int64(remainder >= divisor)
     return (
-        quotient + quotient_gain + carry,
+        quotient + quotient_step + carry,
         remainder - carry * divisor,
-        quotient_gain,
-        remainder_gain,
+        quotient_step,
+        remainder_step,
     )
 
 
@@ -296,17 +297,17 @@ def fill_triangle_scanline(
     other_bias: int64,
 ):  # fmt: skip
     """
-    Fill a triangle row by row: divide for the ends of each row, then only add.
+    Fill a triangle row by row: divide only at the ends of rows, then add.
 
-    Parameters and bits written are those of ``fill_triangle``. A row's span is where each edge
-    function, a line along x, is on its inner side; the channels start with one exact division and
-    then gain a quotient and a remainder per pixel.
+    Parameters and bits written are those of ``fill_triangle``. A row's span is where all three edge
+    functions are on their inner side. The channels begin with an exact division, then add a
+    quotient and a remainder for each pixel.
     """
     (plane0, plane1, plane2), colors, depths, double_area = set_up_triangle(corners, other_bias)
     if double_area == 0:
         return
     divisor = 2 * double_area
-    gains = (plane0[0], plane1[0], plane2[0])
+    edge_steps = (plane0[0], plane1[0], plane2[0])
     x_min, x_max, y_min, y_max = clip_bounds(corners, target.shape[1], target.shape[0])
     for y in range(y_min, y_max + 1):
         x_first, x_last = clip_span(plane0, y, x_min, x_max)
@@ -317,10 +318,10 @@ def fill_triangle_scanline(
         e0 = evaluate_plane(plane0, x_first, y)
         e1 = evaluate_plane(plane1, x_first, y)
         e2 = evaluate_plane(plane2, x_first, y)
-        red = start_channel(colors, 0, (e0, e1, e2), gains, double_area)
-        green = start_channel(colors, 1, (e0, e1, e2), gains, double_area)
-        blue = start_channel(colors, 2, (e0, e1, e2), gains, double_area)
-        alpha = start_channel(colors, 3, (e0, e1, e2), gains, double_area)
+        red = start_channel(colors, 0, (e0, e1, e2), edge_steps, double_area)
+        green = start_channel(colors, 1, (e0, e1, e2), edge_steps, double_area)
+        blue = start_channel(colors, 2, (e0, e1, e2), edge_steps, double_area)
+        alpha = start_channel(colors, 3, (e0, e1, e2), edge_steps, double_area)
         for x in range(x_first, x_last + 1):
             if update_depth(depth, depths, double_area, e1, e2, x, y):
                 target[y, x] = red[0] | (green[0] << 8) | (blue[0] << 16) | (alpha[0] << 24)
@@ -328,29 +329,29 @@ def fill_triangle_scanline(
             green = advance_channel(green, divisor)
             blue = advance_channel(blue, divisor)
             alpha = advance_channel(alpha, divisor)
-            e1 += gains[1]
-            e2 += gains[2]
+            e1 += edge_steps[1]
+            e2 += edge_steps[2]
 
 
 @helper
-def put_pixel(target, x, y, pixel):
-    """Write one pixel if it lies inside the target."""
+def put_pixel(target, x, y, color):
+    """Write a packed colour to a pixel if it lies inside the target."""
     if 0 <= x < target.shape[1] and 0 <= y < target.shape[0]:
-        target[y, x] = pixel
+        target[y, x] = color
 
 
 @helper
-def put_rotations(target, center_x, center_y, x, y, pixel):
-    """Write the pixels at an offset from the centre and at its three quarter turns."""
-    put_pixel(target, center_x + x, center_y + y, pixel)
-    put_pixel(target, center_x - y, center_y + x, pixel)
-    put_pixel(target, center_x - x, center_y - y, pixel)
-    put_pixel(target, center_x + y, center_y - x, pixel)
+def put_rotations(target, center_x, center_y, x, y, color):
+    """Write the pixels at an offset from the centre, and at it rotated by 90, 180, 270 degrees."""
+    put_pixel(target, center_x + x, center_y + y, color)
+    put_pixel(target, center_x - y, center_y + x, color)
+    put_pixel(target, center_x - x, center_y - y, color)
+    put_pixel(target, center_x + y, center_y - x, color)
 
 
 @kernel
 def draw_circle(
-    target: uint32[:, ::1], center_x: int64, center_y: int64, radius: int64, pixel: int64
+    target: uint32[:, ::1], center_x: int64, center_y: int64, radius: int64, color: int64
 ):  # fmt: skip
     """
     Draw a circle by the midpoint test, clipped to the target, each pixel once.
@@ -361,8 +362,8 @@ def draw_circle(
         RGBA pixels, red in the lowest byte.
     center_x, center_y, radius : int, pixels
         Magnitudes up to ``MAX_COORDINATE``; radius >= 0.
-    pixel : int
-        The colour, packed.
+    color : int
+        Packed.
 
     Writes ``target``.
 
@@ -373,17 +374,17 @@ def draw_circle(
     is one pixel.
     """
     if radius == 0:
-        put_pixel(target, center_x, center_y, pixel)
+        put_pixel(target, center_x, center_y, color)
         return
     x = np.int64(0)
     y = np.int64(radius)
     # x**2 + (y - 1/2)**2 - r**2 - 1/4, the midpoint below the pixel, always an integer
     midpoint = -y
     while x <= y:
-        put_rotations(target, center_x, center_y, x, y, pixel)
-        # The mirrored octant; its ends are already there as quarter turns of this one's
+        put_rotations(target, center_x, center_y, x, y, color)
+        # The mirrored octant; rotations of this one have drawn its ends
         if 0 < x < y:
-            put_rotations(target, center_x, center_y, -x, y, pixel)
+            put_rotations(target, center_x, center_y, -x, y, color)
         midpoint += 2 * x + 1
         x += 1
         if midpoint >= 0:
@@ -410,8 +411,8 @@ def count_segments(points):
 
 
 @helper
-def compute_powers(points, axis):
-    """Return one coordinate of a quadratic or cubic as the factors of ``t**3``, ``t**2`` and t."""
+def compute_coefficients(points, axis):
+    """Return the coefficients of ``t**3``, ``t**2`` and t of one coordinate of a curve."""
     p0, p1, p2 = points[0, axis], points[1, axis], points[2, axis]
     if points.shape[0] == 3:
         return 0.0, p0 - 2.0 * p1 + p2, 2.0 * (p1 - p0)
@@ -421,7 +422,7 @@ def compute_powers(points, axis):
 
 @helper
 def interpolate_channel(colors, channel, t):
-    """Return a channel at ``t`` in 0..1, plus 1/2, as a running number of ``bresenham``."""
+    """Return a channel at ``t`` in 0..1, plus 1/2, in the fixed point of ``bresenham``."""
     start, end = np.float64(get_channel(colors[0], channel)), get_channel(colors[1], channel)
     value = start + t * (np.float64(end) - start) + (0.5 + TIE_PX)
     return np.int64(value * (1 << FRACTION_BITS))
@@ -429,7 +430,7 @@ def interpolate_channel(colors, channel, t):
 
 @helper
 def interpolate_color(colors, t):
-    """Return four channels at ``t`` in 0..1, plus 1/2, as running numbers of ``bresenham``."""
+    """Return four channels at ``t`` in 0..1, plus 1/2, in the fixed point of ``bresenham``."""
     return (
         interpolate_channel(colors, 0, t), interpolate_channel(colors, 1, t),
         interpolate_channel(colors, 2, t), interpolate_channel(colors, 3, t),
@@ -437,33 +438,33 @@ def interpolate_color(colors, t):
 
 
 @helper
-def find_gain(colors, channel, change):
-    """Return the change of a channel when ``t`` grows by ``change``, as a running number."""
+def compute_channel_gain(colors, channel, step):
+    """Return the change of a channel when ``t`` grows by ``step``, in fixed point."""
     difference = get_channel(colors[1], channel) - get_channel(colors[0], channel)
-    return np.int64(np.float64(difference) * change * (1 << FRACTION_BITS))
+    return np.int64(np.float64(difference) * step * (1 << FRACTION_BITS))
 
 
 @helper
 def round_to_pixel(coordinate):
-    """Round a coordinate to a pixel, ties up; pixel centres are at integers."""
+    """Return the pixel nearest to a coordinate, ties up; pixel centres are at integers."""
     return np.int64(math.floor(coordinate + (0.5 + TIE_PX)))
 
 
 @helper
 def put_color(target, x, y, colors, t):
-    """Write the pixel of the curve's colour at ``t`` in 0..1, if it lies inside the target."""
+    """Write the curve's colour at ``t`` in 0..1 to a pixel if it lies inside the target."""
     put_pixel(target, x, y, pack_fixed_color(interpolate_color(colors, t)))
 
 
 @helper
 def are_neighbours(x, y, other_x, other_y):
-    """Return whether two pixels are the same or neighbours, by a side or a corner."""
+    """Tell whether two pixels are the same, or share a side or a corner."""
     return abs(x - other_x) <= 1 and abs(y - other_y) <= 1
 
 
 @helper
 def is_far(point_x, point_y, x, y):
-    """Return whether a point is further than ``MAX_TURN_DISTANCE_PX`` from a pixel's centre."""
+    """Tell whether a point is further than ``MAX_TURN_DISTANCE_PX`` from a pixel's centre."""
     dx, dy = point_x - np.float64(x), point_y - np.float64(y)
     return dx * dx + dy * dy > MAX_TURN_DISTANCE_PX * MAX_TURN_DISTANCE_PX
 
@@ -471,10 +472,10 @@ def is_far(point_x, point_y, x, y):
 @helper
 def find_steps_inside(value, gain, steps, size):
     """
-    Return the first and the last step of 0..steps at which a running number is in the target.
+    Return the first and the last step of 0..steps at which a coordinate is in the target.
 
-    The number is ``value + step * gain`` with ``CURVE_BITS`` fraction bits, the target's pixels are
-    ``0 .. size - 1``; first > last if there is none.
+    The coordinate is ``value + step * gain``, with ``CURVE_BITS`` fraction bits; the target's
+    pixels are ``0 .. size - 1``. first > last if there is none.
     """
     stop = size << CURVE_BITS
     end = value + steps * gain
@@ -498,32 +499,32 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
         RGBA pixels, red in the lowest byte.
     points : (3, 2) or (4, 2) float64, pixels
         Control points, magnitudes up to ``MAX_COORDINATE``; integers are pixel centres.
-    colors : two pixels
-        At the start and at the end; in between they follow the curve's parameter.
+    colors : two packed colours
+        At the start and at the end; in between, linear in the curve's parameter.
 
     Writes ``target``.
 
     Notes
     -----
-    See the module's notes on which pixels are drawn. Interpolated channels are rounded half up at
-    the parameter of each pixel. Control points that coincide draw one pixel
-    of the end's colour.
+    The module's notes say which pixels are drawn. Interpolated channels are rounded half up at the
+    parameter of each pixel. If all control points coincide, one pixel is drawn, in the end's
+    colour.
     """
     height, width = target.shape
     pixels = flat(target)
-    is_plain = colors[0] == colors[1]
+    has_one_color = colors[0] == colors[1]
     segments = count_segments(points)
     step = 1.0 / segments
     start_x, start_y = points[0, 0], points[0, 1]
-    cubic_x, square_x, linear_x = compute_powers(points, 0)
-    cubic_y, square_y, linear_y = compute_powers(points, 1)
-    # The path's last pixel; the turn that may have to be drawn between it and the next pixel
+    cubic_x, square_x, linear_x = compute_coefficients(points, 0)
+    cubic_y, square_y, linear_y = compute_coefficients(points, 1)
+    # Path so far: its last pixel, and a turn that may have to be drawn between it and the next
     last_x, last_y = round_to_pixel(start_x), round_to_pixel(start_y)
     put_color(target, last_x, last_y, colors, 0.0)
     is_turn = False
     turn_x, turn_y, turn_t = start_x, start_y, 0.0
     x0, y0, t0 = start_x, start_y, 0.0
-    old_dx, old_dy, old_heading = 0.0, 0.0, np.int64(0)
+    previous_dx, previous_dy, previous_heading = 0.0, 0.0, np.int64(0)
     for segment in range(1, segments + 1):
         # Find the next chord
         t1 = segment * step
@@ -543,27 +544,27 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
         if (dy if along_x else dx) < -TIE_PX:
             heading += 4
         slope = min(max(slope, -1.0), 1.0)
-        # A turn joins chords of two headings; keep one point of it until it is passed
-        is_new = heading != old_heading and old_heading != 0
-        if is_new or is_turn:
+        # Turn: it joins chords of two headings; keep one point of it until the path has passed it
+        has_new_heading = heading != previous_heading and previous_heading != 0
+        if has_new_heading or is_turn:
             x, y = round_to_pixel(x0), round_to_pixel(y0)
             is_needed = is_turn and (
                 not are_neighbours(x, y, last_x, last_y) or is_far(turn_x, turn_y, last_x, last_y)
             )
-            if is_new and is_needed:
+            if has_new_heading and is_needed:
                 last_x, last_y = round_to_pixel(turn_x), round_to_pixel(turn_y)
                 put_color(target, last_x, last_y, colors, turn_t)
-            if is_new or not is_needed:
+            if has_new_heading or not is_needed:
                 turn_x, turn_y, turn_t, is_turn = x0, y0, t0, True
-            # A turn that goes back is drawn
-            if is_new and dx * old_dx + dy * old_dy < 0.0:
+            # Draw a turn at which the curve goes back
+            if has_new_heading and dx * previous_dx + dy * previous_dy < 0.0:
                 if x != last_x or y != last_y:
                     last_x, last_y = x, y
                     put_color(target, x, y, colors, t0)
                 is_turn = False
         if not is_turn:
             turn_x, turn_y, turn_t = x0, y0, t0
-        old_dx, old_dy, old_heading = dx, dy, heading
+        previous_dx, previous_dy, previous_heading = dx, dy, heading
         # Find the columns (or rows) that the chord crosses
         if sign > 0:
             first, last = np.int64(math.floor(major0)) + 1, np.int64(math.floor(major1))
@@ -579,8 +580,8 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
             x, y = first, minor >> CURVE_BITS
             if not along_x:
                 x, y = y, x
-            apart = not are_neighbours(x, y, last_x, last_y)
-            if apart or (
+            has_gap = not are_neighbours(x, y, last_x, last_y)
+            if has_gap or (
                 is_turn and is_far(turn_x, turn_y, last_x, last_y) and is_far(turn_x, turn_y, x, y)
             ):
                 last_x, last_y = round_to_pixel(turn_x), round_to_pixel(turn_y)
@@ -604,17 +605,19 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
                 shift = FRACTION_BITS - CURVE_BITS
                 minor = (minor + begin * gain) << shift
                 gain <<= shift
-                if is_plain:
+                if has_one_color:
                     draw_run(pixels, run, minor, gain, colors[0])
                 else:
                     length = abs(major1 - major0)
                     t = t0 + (t1 - t0) * ((abs(offset) + np.float64(begin)) / length)
                     # A run of one pixel needs no gain, which a short chord would make too large
-                    change = (t1 - t0) / length if begin < end else 0.0
+                    t_step = (t1 - t0) / length if begin < end else 0.0
                     color_gain = (
-                        find_gain(colors, 0, change), find_gain(colors, 1, change),
-                        find_gain(colors, 2, change), find_gain(colors, 3, change),
-                    )  # fmt: skip
+                        compute_channel_gain(colors, 0, t_step),
+                        compute_channel_gain(colors, 1, t_step),
+                        compute_channel_gain(colors, 2, t_step),
+                        compute_channel_gain(colors, 3, t_step),
+                    )
                     draw_gradient_run(
                         pixels, run, minor, gain, interpolate_color(colors, t), color_gain
                     )
@@ -622,7 +625,7 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
     # Join the end to the path
     end_point = points.shape[0] - 1
     x, y = round_to_pixel(points[end_point, 0]), round_to_pixel(points[end_point, 1])
-    far = is_far(turn_x, turn_y, last_x, last_y) and is_far(turn_x, turn_y, x, y)
-    if not are_neighbours(x, y, last_x, last_y) or (is_turn and far):
+    is_turn_far = is_far(turn_x, turn_y, last_x, last_y) and is_far(turn_x, turn_y, x, y)
+    if not are_neighbours(x, y, last_x, last_y) or (is_turn and is_turn_far):
         put_color(target, round_to_pixel(turn_x), round_to_pixel(turn_y), colors, turn_t)
     put_pixel(target, x, y, colors[1])
