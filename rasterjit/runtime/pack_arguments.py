@@ -1,9 +1,10 @@
 """
-Pack the arguments of a call into a state block, and call, in machine code: about a microsecond.
+Pack the arguments of a call into a state block and make the call, in about a microsecond.
 
-Reads tuples, arrays and numbers where a plan (``argument_plan``) says, and checks that they are
-what it expects; anything unexpected is left to `state_block.pack_in_python`. So is every call, if a
-first try (`reads_this_python`) shows that this Python keeps things elsewhere.
+Machine code reads tuples, arrays and numbers from the addresses that a plan (``argument_plan``)
+gives, and checks their types. `state_block.pack_in_python` packs whatever differs from the plan. It
+packs all calls if a first try (`reads_this_python`) shows that this Python lays out objects in
+another way.
 """
 
 from __future__ import annotations
@@ -16,20 +17,20 @@ import numpy as np
 from rasterjit.runtime import argument_plan as layout
 from rasterjit.runtime.intrinsics import call_at, load_int32, load_int64, store_int64
 from rasterjit.runtime.jit import helper, raw_kernel, set_packer
-from rasterjit.runtime.state_block import WORD, ArrayType, NumberType, RecordType, pack_in_python
+from rasterjit.runtime.state_block import WORD, RecordType, float32, float64, int64, pack_in_python
 
 
 @helper
 def copy_words(source, count, target):
-    """Copy words; return the address behind the copy."""
+    """Copy ``count`` words from one address to another; return the address behind the copy."""
     for k in range(count):
         store_int64(target + WORD * k, load_int64(source + WORD * k))
     return target + WORD * count
 
 
 @helper
-def is_array(array, header, instruction):
-    """Tell whether an array, behind its header, has the expected type, axes and layout."""
+def has_expected_layout(array, header, instruction):
+    """Tell whether an array, given behind its header, has the expected type, axes and flags."""
     word = load_int64(load_int64(array + layout.DESCR) + header + layout.TYPE_CODE)
     flags = load_int64(instruction + layout.EXPECTED_FLAGS)
     return (
@@ -43,23 +44,23 @@ def is_array(array, header, instruction):
 @raw_kernel
 def pack(arguments, plan, state):
     """
-    Write a state block; call a kernel with it, without Python's lock, if the plan names its code.
+    Write a state block; if the plan names a kernel's code, call it with the block, without the GIL.
 
     Parameters
     ----------
     arguments : int
         Address of a tuple.
     plan : int
-        Address of the type object of arrays, the function that reads an int, the items that the
-        tuple must have, the layout of objects, the code to call or 0, the functions that release
-        and take Python's lock, then instructions (`make_plan`).
+        Address of the plan (`make_plan`): the type object of arrays, the function that reads an
+        int, the number of items in the tuple, the layout of objects, the code to call or 0, the
+        functions that release and acquire the GIL, then instructions.
     state : int
-        Address of the block, written. Its first word becomes what the kernel returned.
+        Address of the block, written. After a call its first word is the kernel's result.
 
     Returns
     -------
     int
-        0, or the position, from 1 on, of the first instruction that finds something unexpected.
+        0, or the number, from 1 on, of the first instruction whose argument differs from the plan.
     """
     array_type, read_int = load_int64(plan + layout.ARRAY_TYPE), load_int64(plan + layout.READ_INT)
     header, items = load_int64(plan + layout.HEADER_BYTES), load_int64(plan + layout.ITEMS_OFFSET)
@@ -69,6 +70,7 @@ def pack(arguments, plan, state):
     # Pack
     op = load_int64(instruction + layout.OP)
     while op != layout.END:
+        # Follow the path to the value, through tuples in tuples
         value = arguments
         for k in range(load_int64(instruction + layout.PATH_LENGTH)):
             value = load_int64(
@@ -76,29 +78,27 @@ def pack(arguments, plan, state):
             )
         body = value + header
         kind, expected = load_int64(body - WORD), load_int64(instruction + layout.EXPECTED)
+        detail = load_int64(instruction + layout.DETAIL)
         if op == layout.ARRAY:
-            if kind != array_type or not is_array(body, header, instruction):
+            if kind != array_type or not has_expected_layout(body, header, instruction):
                 return position
-            axes = load_int64(instruction + layout.DETAIL)
             store_int64(out, load_int64(body + layout.DATA))
-            out = copy_words(load_int64(body + layout.SHAPE), axes, out + WORD)
+            out = copy_words(load_int64(body + layout.SHAPE), detail, out + WORD)
             if load_int64(instruction + layout.HAS_STRIDES):
-                out = copy_words(load_int64(body + layout.STRIDES), axes, out)
-        elif op == layout.INT:
-            if kind != expected and kind != load_int64(instruction + layout.DETAIL):
-                return position
-            store_int64(out, call_at(read_int, value, 0, 0))
-            out += WORD
+                out = copy_words(load_int64(body + layout.STRIDES), detail, out)
         elif op == layout.RECORD:
-            if kind != expected or load_int64(body) != load_int64(instruction + layout.DETAIL):
+            if kind != expected or load_int64(body) != detail:
                 return position
         else:
-            if kind != expected and kind != load_int64(instruction + layout.DETAIL):
+            if kind != expected and kind != detail:
                 return position
-            if op == layout.FLOAT64:
-                store_int64(out, load_int64(body))
+            if op == layout.INT:
+                word = call_at(read_int, value, 0, 0)
+            elif op == layout.FLOAT64:
+                word = load_int64(body)
             else:
-                store_int64(out, np.int64(load_int32(body)))
+                word = np.int64(load_int32(body))
+            store_int64(out, word)
             out += WORD
         instruction, position = instruction + layout.INSTRUCTION_BYTES, position + 1
         op = load_int64(instruction + layout.OP)
@@ -115,10 +115,8 @@ def reads_this_python(pack_at: Callable[[int, int, int], int]) -> bool:
     """Tell whether `pack` reads objects of this Python and this NumPy correctly."""
     array = np.zeros((5, 7, 3), np.float32)[::2, 1:3]
     value = (array, (3, 2.5, np.float32(1.5)), np.int64(-9), 1 << 40)
-    number = NumberType
-    record = RecordType(tuple, (number("int64"), number("float64"), number("float32")))
-    fields = ArrayType("float32", 3, False), record, number("int64"), number("int64")
-    kind = RecordType(tuple, fields)
+    record = RecordType(tuple, (int64, float64, float32))
+    kind = RecordType(tuple, (float32[:, :, :], record, int64, int64))
     plan = layout.make_plan(kind)
     block = (ctypes.c_int64 * 16)()
     if pack_at(id(value), ctypes.addressof(plan), ctypes.addressof(block)) != 0:
