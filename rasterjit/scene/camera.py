@@ -27,7 +27,7 @@ from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.pixel_projection import Projecting
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
-    MAX_WHOLE_SIZE,
+    MAX_TILED_SIZE,
     VectorLike,
     boolean,
     bounded_number,
@@ -157,7 +157,7 @@ class PerspectiveCamera(Projecting):
             fov_y=float(self.fov_y),
             near=None if self.near is None else float(self.near),
             far=float(self.far),
-            min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE),
+            min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_TILED_SIZE),
             pixel_aspect=bounded_number("pixel_aspect", self.pixel_aspect, 1e-6, 1e6),
         )
 
@@ -243,7 +243,7 @@ class OrthographicCamera(Projecting):
         transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, default_far(self.far, self.near))
         far = None if self.far is None else float(self.far)
         store(self, height=height, near=float(self.near), far=far)
-        store(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
+        store(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_TILED_SIZE))
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""

@@ -410,7 +410,7 @@ def _fit_points(options: _FitOptions, points: ScenePoints) -> _FittedView:
     # The planes leave room for rotation, unless the eye is near the sphere, or in it.
     near = max(distance - 1.0, 0.5 * (distance - points.nearest))
     target = 0.5 * (points.nearest + points.farthest)
-    min_aspect = min(full_aspect, options.aspect, float(check.MAX_WHOLE_SIZE))
+    min_aspect = min(full_aspect, options.aspect, float(check.MAX_TILED_SIZE))
     return _FittedView(
         x.offset, y.offset, distance, target, 2.0 * half_height, near, distance + 1.0, min_aspect
     )

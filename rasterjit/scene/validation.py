@@ -6,7 +6,7 @@ import math
 import operator
 import os
 import sys
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -17,28 +17,28 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.attribute_guard import similar_names
 from rasterjit.scene.vectors import cross, dot
 
-Kind = TypeVar("Kind")
+T = TypeVar("T")
 
 MAX_SIZE = 16384
-"""Largest image side, pixels: the edge functions are proved exact up to it."""
+"""Largest side of an image that is drawn at once, pixels: edge functions are exact up to it."""
 
-MAX_WHOLE_SIZE = 1 << 17
+MAX_TILED_SIZE = 1 << 17
 """Largest side of an image that is drawn in tiles, pixels."""
 
-MAX_UNITS = 1 << 27
-"""Most units of the sub-pixel grid from one side of the guard bands to the other; see ``setup``."""
+MAX_GRID_UNITS = 1 << 27
+"""Largest width of an image and its guard bands, units of the sub-pixel grid; see ``setup``."""
 
 _MATRIX_SIZE = 16
 """Entries of a 4x4 matrix."""
 
 _FLOAT64 = np.dtype(np.float64)
-"""The dtype of most arrays of numbers, which compares fast as it is the same object."""
+"""The dtype of most arrays of numbers: one object, which `is` compares faster than `==`."""
 
 _ARRAY_ERRORS = (TypeError, ValueError, OverflowError, MemoryError)
 """Exceptions that NumPy raises for values that it cannot make an array of."""
 
 ROWS_WORDING = "an array of numbers", "rows of unequal length"
-"""Wording of errors for an argument of rows: what was expected, and what was given."""
+"""What `unmasked_array` says was expected and given, where a value is likely a list of rows."""
 
 MAX_SHOWN_LENGTH = 80
 """Most characters of a value that a message shows."""
@@ -47,8 +47,8 @@ MAX_THREADS = 1024
 """Most threads a render takes: more than processors in one machine, and few enough to start."""
 
 MAX_ROTATION_ERROR = 1e-3
-"""By how much columns of a rotation may miss unit length and right angles: float32 poses that
-were multiplied many times are within it, and a scaled or mirrored one is not."""
+"""By how much the columns of a rotation may differ from unit length and right angles: float32
+poses that were multiplied many times are within it, scaled or mirrored ones are not."""
 
 
 def finite_number(name: str, value: Any) -> float:
@@ -96,7 +96,7 @@ def positive_number(name: str, value: Any) -> float:
 
 
 def _as_written(value: Any, number: float) -> int | float:
-    """Return a number as the caller wrote it: 10, not 10.0."""
+    """Return a number as the caller wrote it, for a message: 10, not 10.0."""
     return value if type(value) is int else number
 
 
@@ -104,21 +104,22 @@ def unmasked_array(
     name: str, value: Any, expected: str = "an array", got: str | None = None
 ) -> NDArray[Any]:
     """
-    Return ``value`` as a NumPy array, of no subclass.
+    Return ``value`` as a NumPy array, not of a subclass.
 
-    Errors say what was ``expected``, and what was given instead: the value, or ``got``.
+    Errors say what was ``expected``, and what was given instead: ``got``, or the value.
 
     Raises
     ------
+    MaskedError
+        If entries are masked.
     ValueError
-        Of a masked array, if entries are masked: there is no number where one is needed. If it is
-        no array, such as rows of several lengths, or says that it is longer than memory.
+        If NumPy cannot make an array of it, such as of rows of unequal length.
     """
     if _is_masked_array(value):
-        masked = int(np.count_nonzero(value.mask))
-        if masked:
+        count = int(np.count_nonzero(value.mask))
+        if count:
             raise MaskedError(
-                f"{name} must have no masked entries, got {masked} of {value.size}; its method "
+                f"{name} must have no masked entries, got {count} of {value.size}; its method "
                 "filled() gives them a value"
             )
     try:
@@ -131,7 +132,7 @@ def unmasked_array(
 
 
 def fill_masked(value: Any) -> Any:
-    """Fill a masked array of real numbers with NaN where it is masked; return others as given."""
+    """Return a masked array of real numbers with NaN where it is masked; other values as given."""
     if not _is_masked_array(value) or value.dtype.kind not in "buif":
         return value
     return value.astype(np.float64).filled(np.nan)
@@ -139,17 +140,21 @@ def fill_masked(value: Any) -> Any:
 
 def _is_masked_array(value: Any) -> bool:
     """Tell whether a value is a masked array, without importing `numpy.ma`."""
-    # Another thread may be importing it.
-    kind = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
-    return kind is not None and isinstance(value, kind)
+    # The module may be incomplete: another thread may be importing it.
+    masked_array = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
+    return masked_array is not None and isinstance(value, masked_array)
 
 
 class MaskedError(ValueError):
-    """An array has masked entries."""
+    """An array has masked entries where each must be a number."""
 
 
 def number_array(name: str, value: ArrayLike, kinds: str = "buif") -> NDArray[np.float64]:
-    """Return numbers, NaN and infinity allowed, as an aligned float64 array, or raise."""
+    """
+    Return numbers as an aligned float64 array, NaN and infinity allowed, or raise ``ValueError``.
+
+    ``kinds`` are the codes, `numpy.dtype.kind`, of the types that are allowed.
+    """
     try:
         given = value if type(value) is np.ndarray else unmasked_array(name, value)
         if given.dtype is _FLOAT64:
@@ -182,12 +187,9 @@ def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> ND
     """
     array = number_array(name, value)
     expected = tuple(shape)
-    if array.shape != expected and (
-        array.ndim != len(expected)
-        or any(n is not None and size != n for size, n in zip(array.shape, expected, strict=True))
-    ):
-        wanted = "(" + ", ".join("n" if n is None else str(n) for n in expected) + ")"
-        raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
+    if array.shape != expected and not _fits_shape(array, expected):
+        text = ", ".join("n" if length is None else str(length) for length in expected)
+        raise ValueError(f"{name} must have shape ({text}), got {array.shape}")
     if not _is_finite(array):
         count = int((~np.isfinite(array)).sum())
         text = f": {array.tolist()}" if array.size <= 16 else ""
@@ -195,33 +197,38 @@ def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> ND
     return array
 
 
+def _fits_shape(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
+    """Tell whether an array has a shape in which None stands for any length."""
+    return array.ndim == len(shape) and all(
+        expected is None or length == expected
+        for length, expected in zip(array.shape, shape, strict=True)
+    )
+
+
 def _is_finite(array: NDArray[np.float64]) -> bool:
     """Tell whether all entries are finite; a matrix takes 1 microsecond here, and 3 in NumPy."""
     if array.size <= _MATRIX_SIZE:
         numbers = array.ravel().tolist()
-        # The sum of what is not finite is not; that of large numbers may overflow.
+        # A finite sum proves it; an infinite one may come of large numbers.
         return math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers))
     return bool(np.isfinite(array).all())
 
 
 def align(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array at an aligned address, as kernels need it: itself or a copy."""
+    """Return the array if its address is aligned, as kernels need it; else a copy."""
     return array if array.flags.aligned else array.copy()
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """
-    Return a view of an array that nothing can write to, nor be made to.
-
-    What was pickled may lie at any address: see `align`.
-    """
+    """Return a view that cannot be made writable: the array itself becomes read-only, too."""
+    # Arrays that were pickled may be at any address.
     array = align(array)
     array.setflags(write=False)
     return array.view()
 
 
 VectorLike: TypeAlias = Sequence[float] | NDArray[Any]
-"""Three numbers, as a field takes them that stores a tuple."""
+"""Three numbers, as fields accept them that store a tuple."""
 
 
 def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
@@ -240,7 +247,7 @@ def triple(name: str, value: ArrayLike) -> tuple[float, float, float]:
 
 
 def check_rotation(name: str, matrix: NDArray[np.float64]) -> None:
-    """Raise ``ValueError`` if a (3, 3) matrix is no rotation."""
+    """Raise ``ValueError`` unless a (3, 3) matrix is a rotation."""
     (a, b, c) = (matrix[:, k].tolist() for k in range(3))
     lengths = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(c, c) - 1.0]
     angles = [dot(a, b), dot(b, c), dot(c, a)]
@@ -251,7 +258,7 @@ def check_rotation(name: str, matrix: NDArray[np.float64]) -> None:
 
 
 def boolean(name: str, value: Any) -> bool:
-    """Return ``value`` as a bool, or raise ``ValueError``: 1 and 0 are none."""
+    """Return ``value`` as a bool, or raise ``ValueError``, also for 1 and 0."""
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name} must be True or False, got {brief(value)}")
     return bool(value)
@@ -260,31 +267,31 @@ def boolean(name: str, value: Any) -> bool:
 def string(name: str, value: Any) -> str:
     """Return ``value`` if it is a string, or raise ``ValueError``."""
     if not isinstance(value, str):
-        raise ValueError(f"{name} must be a text, got {brief(value)}")
+        raise ValueError(f"{name} must be a string, got {brief(value)}")
     return value
 
 
-def instance_of(name: str, value: Any, kind: type[Kind]) -> Kind:
-    """Return ``value`` if it is of a class, or raise ``ValueError``."""
-    if not isinstance(value, kind):
-        article = "an" if kind.__name__[0] in "AEIO" else "a"
-        raise ValueError(f"{name} must be {article} {kind.__name__}, got {brief(value)}")
+def instance_of(name: str, value: Any, expected: type[T]) -> T:
+    """Return ``value`` if it is an instance of a class, or raise ``ValueError``."""
+    if not isinstance(value, expected):
+        article = "an" if expected.__name__[0] in "AEIO" else "a"
+        raise ValueError(f"{name} must be {article} {expected.__name__}, got {brief(value)}")
     return value
 
 
 def strings(name: str, value: Any) -> tuple[str, ...]:
-    """Return strings as a tuple, or raise ``ValueError``, also for one string alone."""
-    return tuple(string(f"each of {name}", one) for one in sequence(name, value))
+    """Return strings as a tuple, or raise ``ValueError``, also for a single string."""
+    return tuple(string(f"each of {name}", item) for item in sequence(name, value))
 
 
 def sequence(name: str, value: Any) -> tuple[Any, ...]:
-    """Return the items of a sequence or iterator, but no string, or raise ``ValueError``."""
+    """Return the items of a sequence or iterator; raise ``ValueError`` for others and strings."""
     try:
         if isinstance(value, (str, bytes)):
             raise TypeError
         return tuple(value)
     except (TypeError, MemoryError):
-        # One may say that it is longer than memory.
+        # Memory: its ``__len__`` may be too large.
         raise ValueError(f"{name} must be a sequence, got {brief(value)}") from None
 
 
@@ -297,18 +304,21 @@ def one_of(name: str, value: Any, choices: Collection[Any]) -> Any:
     """Return ``value`` if it is one of ``choices``, or raise ``ValueError`` listing them."""
     if type(value) is str and value in choices:
         return value
-    # A value of another type may equal a choice (True, 8.0), or not compare at all (an array).
-    candidates = [
-        choice
-        for choice in choices
-        if isinstance(value, type(choice) if not isinstance(choice, int) else (int, np.integer))
-    ]
-    if isinstance(value, bool) or not candidates or value not in candidates:
-        options = ", ".join(map(repr, choices)) or "those that there are, which are none"
+    # Of other types, True and 8.0 equal numbers, and arrays cannot be compared.
+    candidates = [choice for choice in choices if _has_type_of(value, choice)]
+    if not candidates or value not in candidates:
+        options = ", ".join(map(repr, choices)) or "the choices, of which there are none"
         raise ValueError(
             f"{name} must be one of {options}; got {short_repr(value)}{suggest(value, choices)}"
         )
     return value
+
+
+def _has_type_of(value: Any, choice: Any) -> bool:
+    """Tell whether a value has the type of a choice: int includes NumPy's integers, but no bool."""
+    if isinstance(choice, int):
+        return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    return isinstance(value, type(choice))
 
 
 def suggest(text: Any, choices: Iterable[Any]) -> str:
@@ -319,7 +329,7 @@ def suggest(text: Any, choices: Iterable[Any]) -> str:
 
 
 def brief(value: Any) -> str:
-    """Describe a value for a message: itself if it is short and plain, else its type."""
+    """Describe a value for a message: a plain one by its `repr`, others by their type."""
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype} with shape {value.shape}"
     if value is not None and not isinstance(value, (str, bytes, int, float, os.PathLike)):
@@ -337,17 +347,17 @@ def short_repr(value: Any) -> str:
 
 
 def index_below(name: str, value: Any, count: int) -> int:
-    """Return a whole number in 0..count-1, such as a pixel's column, or raise ``ValueError``."""
+    """Return an index in 0..count-1, such as a pixel's column, or raise ``ValueError``."""
     return whole_number(name, value, 0, count - 1)
 
 
 def whole_number(name: str, value: Any, low: int, high: int) -> int:
-    """Return a whole number in low..high, or raise ``ValueError``; True and False are none."""
+    """Return a whole number in low..high, or raise ``ValueError``, also for True and False."""
     try:
-        number = low - 1 if isinstance(value, (bool, np.bool_)) else operator.index(value)
+        number = None if isinstance(value, (bool, np.bool_)) else operator.index(value)
     except TypeError:
-        number = low - 1
-    if not low <= number <= high:
+        number = None
+    if number is None or not low <= number <= high:
         raise ValueError(f"{name} must be a whole number in {low}..{high}, got {brief(value)}")
     return number
 
@@ -367,11 +377,11 @@ def tiled_size(name: str, value: Any, subpixel_bits: int) -> tuple[int, int]:
     """
     Return ``(width, height)`` of a picture that is drawn in tiles, or raise ``ValueError``.
 
-    Each is in 1..131072, or less on a grid of more than 9 sub-pixel bits: what is exact of a
-    picture of 16384 pixels on the finest grid is exact of a larger one on a coarser grid.
+    Each is in 1..131072 pixels, or less with more than 9 sub-pixel bits: edge functions are exact
+    up to a number of units of the sub-pixel grid.
     """
     width, height = picture_size(name, value)
-    largest = MAX_UNITS // (1 << subpixel_bits) - MAX_SIZE
+    largest = MAX_GRID_UNITS // (1 << subpixel_bits) - MAX_SIZE
     if max(width, height) > largest:
         raise ValueError(
             f"{name} must be two whole numbers in 1..{largest} with {subpixel_bits} sub-pixel "
@@ -381,8 +391,8 @@ def tiled_size(name: str, value: Any, subpixel_bits: int) -> tuple[int, int]:
 
 
 def picture_size(name: str, value: Any) -> tuple[int, int]:
-    """Return ``(width, height)`` of any picture, each in 1..131072, or raise ``ValueError``."""
-    return _size_within(name, value, MAX_WHOLE_SIZE)
+    """Return ``(width, height)`` in pixels, each in 1..131072, or raise ``ValueError``."""
+    return _size_within(name, value, MAX_TILED_SIZE)
 
 
 def image_size(name: str, value: Any) -> tuple[int, int]:
@@ -398,12 +408,10 @@ def _size_within(name: str, value: Any, largest: int) -> tuple[int, int]:
             return value
     try:
         width, height = value
-        if _has_masked(width) or _has_masked(height):
+        if isinstance(value, (set, frozenset, dict)) or _has_masked(width) or _has_masked(height):
             raise TypeError
         sides = (int(width), int(height))
         is_whole = sides[0] == width and sides[1] == height
-        if isinstance(value, (set, frozenset, dict)):
-            raise TypeError
     except (TypeError, ValueError, OverflowError):
         text = short_repr(value)
         raise ValueError(f"{name} must be (width, height) in pixels, got {text}") from None
@@ -416,7 +424,11 @@ def _size_within(name: str, value: Any, largest: int) -> tuple[int, int]:
 
 @contextmanager
 def needs_extra(extra: str, need: str, error: type[Exception] = ImportError) -> Iterator[None]:
-    """Name in the error of a missing package the extra of this one that brings it."""
+    """
+    Turn the ``ImportError`` of a missing package into one that says which extra installs it.
+
+    ``need`` begins the message: what needs the package. ``error`` is the type that is raised.
+    """
     try:
         yield
     except ImportError as missing:
@@ -425,33 +437,43 @@ def needs_extra(extra: str, need: str, error: type[Exception] = ImportError) -> 
 
 def existing_file(name: str, value: Any) -> Path:
     """Return the path of a file that exists and is not empty, or raise ``ValueError``."""
-    if not isinstance(value, (str, os.PathLike)):
-        raise ValueError(f"{name} must be a file name, got {short_repr(value)}")
-    path_name = os.fspath(value)
-    try:
-        file = Path(value).expanduser()
-        if file.is_dir():
-            raise ValueError(f"{name} must be a file, but {path_name!r} is a folder")
-        if not file.exists():
-            raise ValueError(f"{name} must be a file, but {path_name!r} does not exist")
-        if not file.is_file():
-            raise ValueError(f"{name} must be a file, but {path_name!r} is a pipe or a device")
-        if file.stat().st_size == 0:
-            raise ValueError(f"{name} must be a file with content, but {path_name!r} is empty")
-    except (OSError, RuntimeError, TypeError) as error:
-        raise ValueError(f"{name} must be a file, but {path_name!r} cannot be: {error}") from None
-    return file
+    return _existing_path(name, value, "a file", "a file name", _find_file_fault)
 
 
 def existing_folder(name: str, value: Any) -> Path:
     """Return the path of a folder that exists, or raise ``ValueError``."""
+    return _existing_path(name, value, "a folder", "the name of a folder", _find_folder_fault)
+
+
+def _existing_path(
+    name: str, value: Any, kind: str, kind_of_name: str, find_fault: Callable[[Path], str]
+) -> Path:
+    """Return a path without a fault, ``~`` expanded, or raise ``ValueError``."""
     if not isinstance(value, (str, os.PathLike)):
-        raise ValueError(f"{name} must be the name of a folder, got {short_repr(value)}")
-    path_name = os.fspath(value)
+        raise ValueError(f"{name} must be {kind_of_name}, got {short_repr(value)}")
     try:
-        folder = Path(value).expanduser()
-        if not folder.is_dir():
-            raise ValueError(f"{name} must be a folder, but {path_name!r} is none")
+        path = Path(value).expanduser()
+        fault = find_fault(path)
     except (OSError, RuntimeError, TypeError) as error:
-        raise ValueError(f"{name} must be a folder, but {path_name!r} cannot be: {error}") from None
-    return folder
+        fault = f"cannot be: {error}"
+    if fault:
+        raise ValueError(f"{name} must be {kind}, but {os.fspath(value)!r} {fault}")
+    return path
+
+
+def _find_file_fault(path: Path) -> str:
+    """Say why a path is not a file with content; an empty string if it is."""
+    if path.is_dir():
+        return "is a folder"
+    if not path.exists():
+        return "does not exist"
+    if not path.is_file():
+        return "is a pipe or a device"
+    return "is empty" if path.stat().st_size == 0 else ""
+
+
+def _find_folder_fault(path: Path) -> str:
+    """Say why a path is not a folder; an empty string if it is."""
+    if path.is_dir():
+        return ""
+    return "is not a folder" if path.exists() else "does not exist"

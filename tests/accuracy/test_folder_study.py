@@ -96,7 +96,7 @@ def test_a_folder_gets_one_page_and_one_for_each_scene(tmp_path):
     [
         ({}, "folder must hold scenes, got an empty mapping"),
         ({"../a": rj.Scene()}, "folder must have names of scenes without '..', got '../a'"),
-        ("nowhere", "folder must be a folder, but 'nowhere' is none"),
+        ("nowhere", "folder must be a folder, but 'nowhere' does not exist"),
         (3, "folder must be the name of a folder, got 3"),
     ],
 )

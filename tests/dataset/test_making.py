@@ -378,10 +378,10 @@ def test_work_is_called_off_between_views_of_a_group(tmp_path):
     ("change", "message"),
     [
         ({"scene": "a.obj"}, "scene must be a Scene, got 'a.obj'"),
-        ({"folder": "nowhere"}, "folder must be a folder, but 'nowhere' is none"),
+        ({"folder": "nowhere"}, "folder must be a folder, but 'nowhere' does not exist"),
         ({"folder": None}, "folder must be the name of a folder, got None"),
         ({"recipe": {"views": 3}}, "recipe must be a Recipe, got dict"),
-        ({"name": 7}, "name must be a text, got 7"),
+        ({"name": 7}, "name must be a string, got 7"),
         ({"threads": 0}, "threads must be in"),
         ({"check": 3}, "check must be a function, got 3"),
     ],

@@ -174,7 +174,7 @@ def test_columns_of_no_known_meaning_are_attributes(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("a.xyz", "", "must be a file with content, but .* is empty"),
+        ("a.xyz", "", "must be a file, but .* is empty"),
         ("a.xyz", "# nothing\n", "holds a point cloud of no points"),
         ("a.xyz", "1 2\n3 4\n", r"rows of 3 numbers or more, x y z \.\.\., got '1 2' at line 1"),
         ("a.xyz", "0 0 0\n1 1\n", r"damaged at line 2: expected 3 numbers of a point, got '1 1'"),

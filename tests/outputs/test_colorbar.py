@@ -224,7 +224,7 @@ def test_several_fields_have_one_bar_if_they_are_alike():
     for shown, options, words in (
         (other, {}, "node must say whose colour bar"), (both, {"node": 2}, "node must be one"),
         (both, {"node": 3}, "node"), (frame(alike[2]), {}, "no mesh of the scene has scalars"),
-        (both, {"title": 3}, "title must be a text"),
+        (both, {"title": 3}, "title must be a string"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=words):
             shown.colorbar(**options)

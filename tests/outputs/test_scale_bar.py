@@ -70,7 +70,7 @@ def test_arrows_have_heads_and_strips_are_as_wide_as_the_frame():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"unit": 3}, "unit must be a text"), ({"per_unit": 0}, "per_unit must be above 0"),
+        ({"unit": 3}, "unit must be a string"), ({"per_unit": 0}, "per_unit must be above 0"),
         ({"depth": -1}, "depth must be above 0"), ({"arrow": 2}, "arrow must be"),
         ({"per_unit": 1e308}, "per_unit must give"), ({"per_unit": 5e-324}, "per_unit must give"),
     ],

@@ -10,7 +10,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering.regions import RegionRenderer, check_region, regions_of
-from rasterjit.scene.validation import MAX_SIZE, MAX_UNITS, tiled_size
+from rasterjit.scene.validation import MAX_GRID_UNITS, MAX_SIZE, tiled_size
 
 SIZE = (150, 100)
 """Tiles of 64 pixels, and smaller ones at the right and at the bottom."""
@@ -234,8 +234,8 @@ def test_whole_numbers_of_numpy_are_taken(kind):
 
 @pytest.mark.parametrize("bits", [0, 4, 8, 12])
 def test_largest_picture_stays_inside_the_proved_units(bits):
-    largest = min(131072, MAX_UNITS // (1 << bits) - MAX_SIZE)
+    largest = min(131072, MAX_GRID_UNITS // (1 << bits) - MAX_SIZE)
     assert tiled_size("size", (largest, 1), bits) == (largest, 1)
-    assert (largest + MAX_SIZE) << max(bits, 1) <= MAX_UNITS
+    assert (largest + MAX_SIZE) << max(bits, 1) <= MAX_GRID_UNITS
     with pytest.raises(ValueError, match=r"size must be two whole numbers in 1\.\."):
         tiled_size("size", (1, largest + 1), bits)

@@ -57,7 +57,7 @@ def test_a_joint_has_one_name_and_names_are_texts():
         with pytest.raises(ValueError, match="joint must be one of 'j0', got"):
             scene.joints[name]
         assert name not in scene.joints
-        with pytest.raises(ValueError, match="name must be a text"):
+        with pytest.raises(ValueError, match="name must be a string"):
             scene.joints.add(name, rj.Joint(nodes[0], "revolute", (0, 0, 1)))
 
 

@@ -93,7 +93,7 @@ def test_frame_opens_the_picture_viewer_where_there_is_a_display(cube, monkeypat
     ((image, title),) = opened
     np.testing.assert_array_equal(np.asarray(image), frame.color)
     assert title == "A cube"
-    with pytest.raises(ValueError, match="title must be a text, got 7"):
+    with pytest.raises(ValueError, match="title must be a string, got 7"):
         frame.show(7)
     with pytest.raises(rj.OutputNotRequestedError):
         rj.render(cube, size=(8, 6), outputs="depth").show()

@@ -93,7 +93,7 @@ def _read_frame(
     """Return the camera of a frame, given its own values and those of the file."""
     name = require(values, "file_path")
     if not isinstance(name, str):
-        raise ValueError(f"file_path must be a text, got {name!r}")
+        raise ValueError(f"file_path must be a string, got {name!r}")
     if "fl_x" not in values and not PurePosixPath(name).suffix:
         name += DEFAULT_SUFFIX
     if "w" in values or "h" in values:
