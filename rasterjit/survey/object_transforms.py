@@ -100,7 +100,7 @@ def measure_boxes(
     flags, ends = np.empty((scene_placement.FLAGS, *shape), np.uint8), np.empty((shape[0], ENDS))
     scene_placement.measure_boxes(
         bounds, relative_from_model, clip_from_relative, measures, flags, ends,
-        np.empty((3, scene_placement.BOX_COLUMNS)),
+        np.empty((3, scene_placement.BOX_COLUMNS)), np.empty(4),
     )  # fmt: skip
     half_depths = measures[HALF_DEPTHS:CLIP_BOUNDS].reshape(2, 3, *shape)
     is_beside, in_view = flags.view(np.bool_)
@@ -398,7 +398,9 @@ def move_objects(
     moved_objects = ObjectTransforms(
         world_from_model, old.normal_matrices.copy(), old.mirrored.copy()
     )
-    if scene_placement.transform_normals(world_from_model, *old[:1], *moved_objects[1:]):
+    if scene_placement.transform_normals(
+        world_from_model, *old[:1], *moved_objects[1:], np.empty((3, 3))
+    ):
         return moved_objects
     return old._replace(world_from_model=world_from_model)
 

@@ -66,7 +66,9 @@ def test_only_what_was_turned_is_found_anew():
     for own, other in zip(found, wanted, strict=True):
         assert own.tobytes() == other.tobytes()
     results = found.normal_matrices.copy(), found.mirrored.copy()
-    count = scene_placement.transform_normals(after, known.world_from_model, *results)
+    count = scene_placement.transform_normals(
+        after, known.world_from_model, *results, np.empty((3, 3))
+    )
     assert count == 300
     some = list(before[:3])
     some[1] = after[1]

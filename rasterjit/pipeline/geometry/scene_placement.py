@@ -21,6 +21,9 @@ INSIDE, HALF_DEPTHS, CLIP_BOUNDS, MEASURES = 0, 6, 12, 15
 IS_BESIDE, IN_VIEW, FLAGS = 0, 1, 2
 """Rows of the flags that it writes, and their number."""
 
+MAX_POWER = 2.0**1000
+"""Beyond which a scale is split in two: the largest power of two is less than 2**1074."""
+
 CENTER, BOUND, BOX_COLUMNS = 3, 4, 5
 """Columns of a box placed by `place_box`, after its axes, and their number."""
 
@@ -29,75 +32,68 @@ LOW, HIGH, ENDS = 0, 3, 6
 
 
 @helper
-def power_of_two(exponent):
-    """Return 2**exponent for -1074 <= exponent <= 1023."""
-    if exponent < -1022:
-        return np.int64(np.int64(1) << np.int64(exponent + 1074)).view(np.float64)
-    return np.int64(np.int64(exponent + 1023) << np.int64(52)).view(np.float64)
+def find_largest(matrix, row):
+    """Return the largest size of the first three entries of a row."""
+    largest = 0.0
+    for k in range(3):
+        largest = max(largest, abs(matrix[row, k]))
+    return largest
 
 
 @helper
-def scale_factors(largest):
-    """Return two powers of two whose product brings a number above 0 into [1, 2)."""
-    bits = np.float64(largest).view(np.int64)
-    exponent = (bits >> np.int64(52)) - np.int64(1023)
-    if exponent == -1023:  # Subnormal.
-        exponent = np.int64(-1074)
-        rest = bits >> np.int64(1)
-        while rest > 0:
-            exponent += np.int64(1)
-            rest >>= np.int64(1)
-    first = min(-exponent, np.int64(1023))
-    return power_of_two(first), power_of_two(-exponent - first)
-
-
-@helper
-def determinant_sign(first, second, third):
-    """Return the sign of the determinant of three rows, (3,) or longer, scaled against overflow."""
-    x = max(abs(first[0]), abs(first[1]), abs(first[2]))
-    y = max(abs(second[0]), abs(second[1]), abs(second[2]))
-    z = max(abs(third[0]), abs(third[1]), abs(third[2]))
-    if not (x > 0.0 and y > 0.0 and z > 0.0):
-        return 0.0
-    d, e, f = second[0] / y, second[1] / y, second[2] / y
-    g, h, i = third[0] / z, third[1] / z, third[2] / z
-    terms = (first[0] / x) * (e * i - f * h) - (first[1] / x) * (d * i - f * g)
-    terms += (first[2] / x) * (d * h - e * g)
+def determinant_sign(matrix, last):
+    """Return the sign of the determinant of rows 0, 1 and ``last``, scaled against overflow."""
+    x, y, z = find_largest(matrix, 0), find_largest(matrix, 1), find_largest(matrix, last)
+    terms = 0.0
+    if x > 0.0 and y > 0.0 and z > 0.0:
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            forward = (matrix[1, i] / y) * (matrix[last, j] / z)
+            terms += (matrix[0, k] / x) * (forward - (matrix[1, j] / y) * (matrix[last, i] / z))
     return 1.0 if terms > 0.0 else (-1.0 if terms < 0.0 else 0.0)
 
 
 @helper
-def write_normal_matrix(matrix, normals):
+def write_normal_matrix(matrix, normals, scaled):
     """Write `transforms.normal_matrix` of a matrix, scaled so that its largest entry is 1."""
+    # Bring the largest entry into [1, 2) by powers of two, so that no product underflows.
     largest = 0.0
+    for row in range(3):
+        largest = max(largest, find_largest(matrix, row))
+    one, other = 1.0, 1.0
+    while 0.0 < largest < 1.0:
+        largest *= 2.0
+        if one < MAX_POWER:
+            one *= 2.0
+        else:
+            other *= 2.0
+    while 2.0 <= largest < np.inf:
+        largest *= 0.5
+        one *= 0.5
     for i in range(3):
         for j in range(3):
-            largest = max(largest, abs(matrix[i, j]))
-    one, other = scale_factors(largest) if largest > 0.0 else (1.0, 1.0)
-    # Cofactors of a matrix whose largest entry lies in [1, 2): no product underflows.
+            scaled[i, j] = matrix[i, j] * one * other
+    determinant = 0.0
     for i in range(3):
         a, b = (i + 1) % 3, (i + 2) % 3
         for j in range(3):
             c, d = (j + 1) % 3, (j + 2) % 3
-            p, q = matrix[a, c] * one * other, matrix[b, d] * one * other
-            r, s = matrix[b, c] * one * other, matrix[a, d] * one * other
-            normals[i, j] = p * q - r * s
-    determinant = (
-        matrix[0, 0] * one * other * normals[0, 0] + matrix[1, 0] * one * other * normals[1, 0]
-    ) + matrix[2, 0] * one * other * normals[2, 0]
+            normals[i, j] = scaled[a, c] * scaled[b, d] - scaled[b, c] * scaled[a, d]
+        determinant += scaled[i, 0] * normals[i, 0]
+    # Else cofactors, which are finite and turn normals the same way.
     is_finite = determinant != 0.0
     for i in range(3):
         for j in range(3):
-            is_finite &= np.isfinite(normals[i, j] / determinant * one * other)
-    largest = 0.0
+            scaled[i, j] = normals[i, j] / determinant * one * other
+            is_finite &= abs(scaled[i, j]) < np.inf
+    sign = -1.0 if determinant < 0.0 else 1.0
     for i in range(3):
         for j in range(3):
-            if is_finite:
-                normals[i, j] = normals[i, j] / determinant * one * other + 0.0
-            else:
-                normals[i, j] = (-normals[i, j] if determinant < 0.0 else normals[i, j]) + 0.0
-            largest = max(largest, abs(normals[i, j]))
+            normals[i, j] = (scaled[i, j] if is_finite else sign * normals[i, j]) + 0.0
     # So that normals keep a length near 1 in float32.
+    largest = 0.0
+    for row in range(3):
+        largest = max(largest, find_largest(normals, row))
     if largest > 0.0:
         for i in range(3):
             for j in range(3):
@@ -107,7 +103,7 @@ def write_normal_matrix(matrix, normals):
 @kernel
 def transform_normals(
     world_from_model: float64[:, :, ::1], known: float64[:, :, ::1],
-    normal_matrices: float64[:, :, ::1], mirrored: float64[::1],
+    normal_matrices: float64[:, :, ::1], mirrored: float64[::1], scaled: float64[:, ::1],
 ):  # fmt: skip
     """
     Find the matrices of normals of objects that were rotated or scaled.
@@ -121,6 +117,7 @@ def transform_normals(
         Writes `transforms.normal_matrix`, scaled so that its largest entry is 1.
     mirrored : (O,) float64
         Writes -1 where a transform turns faces inside out, else 1.
+    scaled : (3, 3) float64, scratch
 
     Returns
     -------
@@ -134,11 +131,8 @@ def transform_normals(
             for j in range(3):
                 is_changed |= world_from_model[n, i, j] != known[n, i, j]
         if is_changed:
-            write_normal_matrix(world_from_model[n], normal_matrices[n])
-            sign = determinant_sign(
-                world_from_model[n, 0], world_from_model[n, 1], world_from_model[n, 2]
-            )
-            mirrored[n] = -1.0 if sign < 0.0 else 1.0
+            write_normal_matrix(world_from_model[n], normal_matrices[n], scaled)
+            mirrored[n] = -1.0 if determinant_sign(world_from_model[n], 2) < 0.0 else 1.0
             count += 1
     return count
 
@@ -184,8 +178,8 @@ def place_views(
             along = (clip[2, 0] * view[0, j] + clip[2, 1] * view[1, j]) + clip[2, 2] * view[2, j]
             toward_viewer[n, j] = -along if is_parallel else 0.0
         toward_viewer[n, 3] = 0.0 if is_parallel else 1.0
-        sign = determinant_sign(clip[0], clip[1], clip[2] if is_parallel else clip[3])
-        windings[n] = 1 if sign * determinant_sign(view[0], view[1], view[2]) < 0.0 else -1
+        sign = determinant_sign(clip, 2 if is_parallel else 3) * determinant_sign(view, 2)
+        windings[n] = 1 if sign < 0.0 else -1
 
 
 @helper
@@ -207,31 +201,17 @@ def place_box(bounds, matrix, box):
 
 
 @helper
-def measure_plane(clip, axis, sign, box):
-    """Return how far inside of w + sign * axis a box reaches, and its half extent by each axis."""
-    a, b = clip[3, 0] + sign * clip[axis, 0], clip[3, 1] + sign * clip[axis, 1]
-    c, d = clip[3, 2] + sign * clip[axis, 2], clip[3, 3] + sign * clip[axis, 3]
-    x = abs(a * box[0, 0] + b * box[1, 0] + c * box[2, 0])
-    y = abs(a * box[0, 1] + b * box[1, 1] + c * box[2, 1])
-    z = abs(a * box[0, 2] + b * box[1, 2] + c * box[2, 2])
-    middle = a * box[0, CENTER] + b * box[1, CENTER] + c * box[2, CENTER] + d
-    return middle + (x + y + z), x, y, z
-
-
-@helper
-def bound_clip_position(clip, axis, box):
-    """Return an upper bound of |w| plus the size of a coordinate in clip space."""
-    bound = abs(clip[3, 3]) + abs(clip[axis, 3])
-    for i in range(3):
-        bound += (abs(clip[3, i]) + abs(clip[axis, i])) * box[i, BOUND]
-    return bound
+def multiply_column(plane, box, column):
+    """Return a x + b y + c z of a plane for a column of a placed box."""
+    x, y, z = box[0, column], box[1, column], box[2, column]
+    return (plane[0] * x + plane[1] * y) + plane[2] * z
 
 
 @kernel
 def measure_boxes(
     bounds: float64[:, :, ::1], relative_from_model: float64[:, :, :, ::1],
     clip_from_relative: float64[:, :, ::1], measures: float64[:, :, ::1], flags: uint8[:, :, ::1],
-    ends: float64[:, ::1], box: float64[:, ::1],
+    ends: float64[:, ::1], box: float64[:, ::1], plane: float64[::1],
 ):  # fmt: skip
     """
     Measure the boxes of objects against the planes of each of N views.
@@ -251,13 +231,14 @@ def measure_boxes(
         Writes the low and the high corner of a box around all, world axes from the eye; infinite
         if one is not known; inf to -inf around nothing.
     box : (3, 5) float64, scratch
+    plane : (4,) float64, scratch
     """
     for n in range(measures.shape[1]):
         clip = clip_from_relative[n]
         for i in range(3):
             ends[n, LOW + i], ends[n, HIGH + i] = np.inf, -np.inf
         for o in range(measures.shape[2]):
-            if np.isnan(bounds[o, 0, 0]):
+            if bounds[o, 0, 0] != bounds[o, 0, 0]:
                 for k in range(MEASURES):
                     measures[k, n, o] = np.nan
                 flags[IS_BESIDE, n, o], flags[IN_VIEW, n, o] = 1, 0
@@ -265,15 +246,22 @@ def measure_boxes(
             place_box(bounds[o], relative_from_model[n, o], box)
             is_beside, is_beyond = False, False
             for axis in range(3):
-                bound = bound_clip_position(clip, axis, box)
+                # Of both rows: their difference may nearly cancel.
+                for k in range(4):
+                    plane[k] = abs(clip[3, k]) + abs(clip[axis, k])
+                bound = multiply_column(plane, box, BOUND) + plane[3]
                 measures[CLIP_BOUNDS + axis, n, o] = bound
                 for side in range(2):
-                    inside, x, y, z = measure_plane(clip, axis, 2.0 * side - 1.0, box)
+                    for k in range(4):
+                        plane[k] = clip[3, k] + (2.0 * side - 1.0) * clip[axis, k]
+                    reach = 0.0
+                    for k in range(3):
+                        extent = abs(multiply_column(plane, box, k))
+                        reach += extent
+                        if axis == 2:
+                            measures[HALF_DEPTHS + 3 * side + k, n, o] = extent
+                    inside = multiply_column(plane, box, CENTER) + plane[3] + reach
                     measures[INSIDE + 3 * side + axis, n, o] = inside
-                    if axis == 2:
-                        first = HALF_DEPTHS + 3 * side
-                        measures[first, n, o], measures[first + 1, n, o] = x, y
-                        measures[first + 2, n, o] = z
                     is_out = inside < -CULLING_MARGIN * bound
                     is_beyond |= is_out
                     is_beside |= is_out and axis < 2
