@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard, get_args
@@ -26,7 +25,7 @@ from rasterjit.io.point_clouds.las import LAS_FORMATS
 from rasterjit.io.point_clouds.pcd import read_pcd
 from rasterjit.io.primitives import Context
 from rasterjit.io.resources import Resources, RobotResources, detect_kind, extension_of
-from rasterjit.io.text.mesh_builder import Geometry, SceneRecord, build_scene, convert_record
+from rasterjit.io.text.mesh_builder import SceneRecord, build_scene, convert_record
 from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.text.obj import read_obj
 from rasterjit.io.text.off import read_off
@@ -49,18 +48,27 @@ if TYPE_CHECKING:
 __all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "get_scene_to_add", "load"]
 
 EXTRA_SUFFIXES = (".3dxml", ".dae", ".urdf", ".xaml", ".zae")
-"""Mesh files that need ``rasterjit[formats]`` or ``[robots]``: without it, `load` says so."""
+"""Extensions of meshes that need ``rasterjit[formats]`` or ``[robots]``; else `load` says so."""
 
 AMBIGUOUS_SUFFIXES = (".xml", ".dat", ".node")
-"""Extensions that many files which are no meshes have too."""
+"""Extensions of meshes, and of many other files."""
 
 
 def mesh_files(folder: str | Path) -> list[Path]:
     """
-    Return all files below a folder whose names are those of meshes, in the order of their names.
+    Return the mesh files in a folder and the folders below it, by their extensions, sorted by path.
 
-    Hidden files and folders are left out, and ``.xml``, ``.dat`` and ``.node``: such names have
-    many files that are no meshes, or are a part of one.
+    Leaves out hidden files and folders, and ``.xml``, ``.dat`` and ``.node``: many such files are
+    no meshes, or parts of one.
+
+    Parameters
+    ----------
+    folder : str or path-like
+
+    Returns
+    -------
+    list of pathlib.Path
+        Absolute.
 
     Raises
     ------
@@ -79,33 +87,37 @@ def mesh_files(folder: str | Path) -> list[Path]:
 
 OnDamage: TypeAlias = Literal["error", "warn"]
 ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
-"""For a damaged file: refuse it; or load the rest and warn."""
+"""What to do about a damaged file: refuse it, or load the rest and warn."""
 
-BUILTIN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *XYZ_FORMATS)
-"""Formats that `_read_builtin` reads."""
+_BUILTIN_READERS = {
+    "obj": read_obj, "ply": read_ply, "stl": read_stl, "off": read_off, "pcd": read_pcd,
+    **dict.fromkeys(XYZ_FORMATS, read_xyz),
+}  # fmt: skip
+"""Readers of text formats and point clouds, by the extension."""
+
+BUILTIN_FORMATS = tuple(_BUILTIN_READERS)
 
 EXTRA_MODULES = ("lxml", "networkx", "collada", "svg", "ezdxf")
-"""Modules that the extra ``rasterjit[formats]`` brings."""
+"""Modules that the extra ``rasterjit[formats]`` installs."""
 
-_OWN_SUFFIXES = frozenset(
+_MESH_SUFFIXES = frozenset(
     (".3mf", ".obj", ".off", ".ply", ".stl", ".xyz", *(f".{name}" for name in GLTF_FORMATS),
      *EXTRA_SUFFIXES)
 )  # fmt: skip
-"""Extensions of meshes that are known without trimesh."""
+"""Extensions of meshes that are known without importing trimesh, which takes a second."""
 
-_NO_MESH_SUFFIXES = frozenset(
+_OTHER_SUFFIXES = frozenset(
     ("", ".bin", ".bmp", ".csv", ".html", ".jpeg", ".jpg", ".json", ".log", ".md", ".mtl", ".pdf",
      ".png", ".py", ".rst", ".sh", ".tga", ".tif", ".tiff", ".toml", ".txt", ".webp",
      ".yaml", ".yml", ".zip", *AMBIGUOUS_SUFFIXES)
 )  # fmt: skip
-"""Extensions of what often lies beside meshes: trimesh, which takes a second to import, is not
-asked about them."""
+"""Extensions that are often found beside meshes: known to be none without importing trimesh."""
 
 
 def _is_mesh_suffix(suffix: str) -> bool:
-    """Tell whether an extension, with its dot, always means a mesh."""
-    if suffix in _OWN_SUFFIXES or suffix in _NO_MESH_SUFFIXES:
-        return suffix in _OWN_SUFFIXES
+    """Tell whether an extension, lower case with its dot, is of meshes alone."""
+    if suffix in _MESH_SUFFIXES or suffix in _OTHER_SUFFIXES:
+        return suffix in _MESH_SUFFIXES
     return suffix[1:] in _trimesh_formats()
 
 
@@ -118,7 +130,7 @@ def _trimesh_formats() -> frozenset[str]:
 
 
 _Z_UP_FORMATS = ("3mf", "urdf", *LAS_FORMATS)
-"""Formats that define z as up."""
+"""Formats whose definition says that z is up."""
 
 _UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>")
 """The up axis in the header of a COLLADA file."""
@@ -127,7 +139,7 @@ _COLLADA_HEADER_BYTES = 1 << 16
 """Bytes of a COLLADA file that are searched for the up axis."""
 
 _CREASE_ANGLE = 40.0
-"""Angle between faces, degrees, from which an edge is sharp, for meshes without normals."""
+"""Default angle between faces, degrees, from which an edge is sharp in meshes without normals."""
 
 
 def load(
@@ -147,23 +159,23 @@ def load(
     clouds, as `Points`: PLY without faces, PCD, XYZ, PTS, ASC, TXT and CSV, LAS and LAZ, points of
     OBJ and glTF. Drawings, as `Lines`: DXF and SVG, edges of PLY, lines of OBJ and glTF. Cells of
     simulations, solids by their outer faces: VTK, VTU, VTP, MSH and whatever else meshio reads.
-    Robots: URDF, with a node for each link and ``scene.joints``; collision shapes are passed over.
-    Objects of trimesh, PyVista, Open3D and meshio are taken as their files would be.
+    Robots: URDF, with a node for each link and ``scene.joints``; collision shapes are left out.
+    Objects of trimesh, PyVista, Open3D and meshio are converted as their files would be.
 
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
-    materials with textures, lights and camera as far as the file has them. ``up`` is z for 3MF,
-    URDF and LAS, and what a COLLADA file says; no other format tells one but y. Materials of glTF
+    materials with textures, lights and camera as far as the file has them. ``up`` is y for glTF, z
+    for 3MF, URDF and LAS, what the file says for COLLADA, and None for others. Materials of glTF
     stay metallic-roughness; those of OBJ and other formats become Blinn-Phong. Further numbers of
     vertices and faces become attributes of the meshes: other properties of a PLY file by their
     names, ``_NAME`` of a glTF file as ``NAME``, and those that trimesh reads.
 
     Points keep the file's order too. Those whose position is NaN, as depth cameras write them where
     they measured nothing, are not drawn and are counted in the warning. Points have a size of 3
-    pixels, those of clouds of more than 160 thousand 2, and of more than 444 thousand 1, those of
-    fewer than 400 up to 12; without colours and normals they are shown by their intensity, if they
-    have one, else in grey. Cells are shown by the active scalars, or by the first that are one
-    number for each point or cell, and all become attributes.
+    pixels; in clouds of more than 160 thousand 2, of more than 444 thousand 1, of fewer than 400 up
+    to 12. Without colours and normals they show their intensity, if they have one, else grey. Cells
+    show the active scalars, or the first array with one number for each point or cell; all arrays
+    become attributes.
 
     Two things of glTF are as in every other format rather than by its standard. A primitive without
     a material has the default one; only in a scene with an environment is it glTF's rough white
@@ -175,12 +187,12 @@ def load(
     path : str, path-like, or an object of trimesh, PyVista, Open3D or meshio
         An object takes ``on_invalid`` and ``crease_angle`` alone.
     on_invalid : {"raise", "drop"}
-        What to do about NaN or infinite vertices, as in `Mesh`; of clouds, about infinite ones.
+        What to do about NaN or infinite vertices, as in `Mesh`; in clouds, about infinite ones.
     on_damage : {"error", "warn"}
-        What to do about a file of OBJ, PLY, STL, OFF, PCD, LAS or rows of points that is cut short,
-        or has lines that cannot be read or faces among vertices that are not there, and about a
-        robot's meshes that are missing or cannot be read: refuse it, naming the line and what was
-        expected there, or load the rest and warn.
+        What to do about damage: refuse the file, naming the line and what was expected there, or
+        load the rest and warn. Damaged is a file of OBJ, PLY, STL, OFF, PCD, LAS or rows of points
+        that is cut short, has lines that cannot be read, or faces with vertices that it lacks; and
+        a robot with meshes that are missing or cannot be read.
     crease_angle : float
         Degrees in 0..180. Meshes whose file gives no normals get them from
         ``Mesh.split_creases(crease_angle)``.
@@ -192,16 +204,16 @@ def load(
         in ``ROS_PACKAGE_PATH`` or in ``AMENT_PREFIX_PATH``. Addresses, absolute paths, and links,
         pipes and devices that lead out of it are never opened.
     max_bytes : int
-        Memory that this file and all that it names may take together. Sizes are told from headers
-        before anything is read or unpacked: at its peak, loading takes at most twice this. A face
-        of an OBJ, PLY, STL or OFF file counts 250 to 600 bytes. Default: 8 GiB.
+        Memory that this file and all that it names may take together. Headers give the sizes before
+        anything is read or unpacked: at its peak, loading takes at most twice this. A face of an
+        OBJ, PLY, STL or OFF file counts 250 to 600 bytes. Default: 8 GiB.
     isolate : bool or "all"
-        Whether other packages work in a process of its own: those that read whole files (LAS, LAZ,
+        Whether other packages run in a separate process: those that read whole files (LAS, LAZ,
         DXF, and all that trimesh, meshio and PyVista do) and those that unpack meshes and textures
         of glTF files (Draco, meshopt, KTX 2). It may take as much memory as ``max_bytes`` allows,
         10 seconds of the processor and 10 for each megabyte that it reads, reaches no network and,
         on Linux, no file but those of ``resource_root``. It starts when it is first needed and
-        waits for the next file. ``"all"``: Pillow decodes pictures there as well, as it does for
+        waits for the next file. ``"all"``: Pillow decodes images there as well, as it does for
         ``rasterjit render FOLDER`` and data sets. False: all of them work in this process, without
         these limits, which is for files that you trust.
 
@@ -213,10 +225,10 @@ def load(
     ------
     MeshFileError
         A ``ValueError``: if the file is missing, cannot be read or holds nothing to draw, or its
-        reader, or what decodes a part of it, crashes or reaches a limit. The message names the
+        reader, or the decoder of a part of it, crashes or reaches a limit. The message names the
         file and what it holds.
     ValueError
-        If ``resource_root`` is no folder, ``isolate`` is no such choice, an option for files is
+        If ``resource_root`` is no folder, ``isolate`` is another value, an option for files is
         given for an object, or more than ``max_bytes`` are needed: the message says by what.
 
     Warns
@@ -225,12 +237,15 @@ def load(
         Once, naming what the file has and the scene has not, such as further cameras; and if every
         material is fully transparent.
     """
+    # Arguments.
     check.bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     check.one_of("on_invalid", on_invalid, ON_INVALID)
     check.one_of("on_damage", on_damage, ON_DAMAGE)
     if not isinstance(isolate, bool) and not (isinstance(isolate, str) and isolate == "all"):
         raise ValueError(f"isolate must be True, False or 'all', got {check.brief(isolate)}")
-    if _is_trimesh(path) or find_package(path) is not None:
+    # An object of another package.
+    package = "trimesh" if _is_trimesh(path) else find_package(path)
+    if package is not None:
         for name, value, default in (
             ("on_damage", on_damage, "error"),
             ("resource_root", resource_root, None),
@@ -238,15 +253,11 @@ def load(
             ("isolate", isolate, True),
         ):
             if value != default:
-                source = (
-                    "a trimesh object"
-                    if _is_trimesh(path)
-                    else f"an object of {find_package(path)}"
+                raise ValueError(
+                    f"{name} must not be given for an object of {package}, got {value!r}"
                 )
-                raise ValueError(f"{name} must not be given for {source}, got {value!r}")
-        if _is_trimesh(path):
-            return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)
-        return _from_foreign(path, on_invalid, crease_angle)
+        return _convert_and_warn(path, on_invalid, crease_angle)
+    # A file.
     root = None if resource_root is None else check.existing_folder("resource_root", resource_root)
     file = _check_path(path)
     budget = MemoryBudget(str(file), max_bytes)
@@ -258,7 +269,7 @@ def load(
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out, isolate)
         scene.up = _find_up_axis(file)
     except Exception as error:
-        # The real reason may be the memory limit, or a name that belies the content.
+        # The reason may be the memory limit, or a content that is not what the name says.
         budget.check()
         kind = detect_kind(file, extension_of(file))
         if kind is None:
@@ -281,7 +292,7 @@ def _load(
     left_out: LeftOut,
     isolate: Isolation,
 ) -> Scene:
-    """Read a mesh file with the reader of its format."""
+    """Read a file of any format into a scene, without checks of arguments and warnings."""
     extension = extension_of(file)
     context = Context(str(file), on_invalid, crease_angle, left_out, resources.budget)
     if extension in GLTF_FORMATS:
@@ -290,9 +301,11 @@ def _load(
         return load_3mf(file, resources, context)
     if extension == "binvox":
         return load_binvox(file, resources, left_out)
+    # Formats that are read into records first, by our readers or those of other packages.
     if extension in BUILTIN_FORMATS:
         damage = Damage(file, on_damage, left_out)
-        data: Any = _read_builtin(file, resources, damage, left_out)
+        with raise_mesh_file_error(file, extension):
+            data: Any = _BUILTIN_READERS[extension](file, resources, damage, left_out)
         damage.add_to_left_out()
     elif isolate:
         from rasterjit.io.foreign.isolation import read_isolated
@@ -312,13 +325,13 @@ def _load(
 
         assert isinstance(resources, RobotResources)
         return build_robot(data, context, resources, on_damage, load_part)
-    make = convert_record if isinstance(data, SceneRecord) else build_scene
+    build = convert_record if isinstance(data, SceneRecord) else build_scene
     try:
-        return make(data, context)
+        return build(data, context)
     except READER_ERRORS as error:
         if extension in BUILTIN_FORMATS or not isolate:
             raise
-        # Data from the isolated process may be malformed: same error as a damaged file.
+        # Malformed data of the isolated process is an error like a damaged file.
         raise MeshFileError(f"{file} could not be read as .{extension}: {DAMAGED}") from error
 
 
@@ -337,7 +350,7 @@ def _begin_session(budget: MemoryBudget) -> Session:
 
 
 def _find_up_axis(file: Path) -> tuple[float, float, float] | None:
-    """Return the up axis by a file or the definition of its format; None if unknown."""
+    """Return the up axis by a file or the definition of its format; None if neither has one."""
     extension = extension_of(file)
     if extension == "dae":
         with file.open("rb") as opened:
@@ -352,29 +365,13 @@ def _find_up_axis(file: Path) -> tuple[float, float, float] | None:
     return {b"X": (1.0, 0.0, 0.0), b"Y": (0.0, 1.0, 0.0), b"Z": (0.0, 0.0, 1.0)}[axis]
 
 
-def _read_builtin(
-    file: Path, resources: Resources, damage: Damage, left_out: LeftOut
-) -> Sequence[Geometry]:
-    """Read a file of `BUILTIN_FORMATS`, or raise `MeshFileError`."""
-    extension = extension_of(file)
-    with raise_mesh_file_error(file, extension):
-        if extension == "obj":
-            return read_obj(file, resources, damage, left_out)
-        if extension == "ply":
-            return read_ply(file, resources, damage, left_out)
-        if extension == "off":
-            return read_off(file, resources, damage, left_out)
-        if extension == "pcd":
-            return read_pcd(file, resources, damage, left_out)
-        if extension in XYZ_FORMATS:
-            return read_xyz(file, resources, damage, left_out)
-        return read_stl(file, resources, damage, left_out)
-
-
 def _warn_if_invisible(file: Path, scene: Scene) -> None:
     """Warn if all materials of a file are fully transparent."""
     materials = [node.mesh.material for node in scene.nodes]
-    if all(one.alpha_mode == "blend" and one.base_color_over(False)[3] == 0.0 for one in materials):
+    if all(
+        material.alpha_mode == "blend" and material.base_color_over(False)[3] == 0.0
+        for material in materials
+    ):
         warn_caller(
             f"{file}: every material is fully transparent, so nothing of it is seen", LoadWarning
         )
@@ -387,22 +384,22 @@ def from_trimesh(
     crease_angle: float = _CREASE_ANGLE,
 ) -> Scene:
     """
-    Turn a trimesh object into a scene, with its colours, materials, camera and lights.
+    Convert a trimesh object to a scene, with its colours, materials, camera and lights.
 
     Parameters
     ----------
     what : trimesh.Trimesh, trimesh.PointCloud, trimesh.path.Path or trimesh.Scene
-        Its arrays are shared where their type allows.
+        Its arrays are shared, not copied, where their type allows.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices, as in `Mesh`.
     crease_angle : float
         Degrees in 0..180. Meshes without normals of their own get them from
-        ``Mesh.split_creases(crease_angle)``; normals that trimesh averaged are not their own.
+        ``Mesh.split_creases(crease_angle)``; normals that trimesh averaged do not count.
 
     Returns
     -------
     Scene
-        Without the lights that trimesh makes up for scenes that have none.
+        Without the lights that trimesh adds to scenes that have none.
 
     Raises
     ------
@@ -420,20 +417,49 @@ def from_trimesh(
         raise ValueError(
             f"what must be a trimesh.Trimesh or a trimesh.Scene, got {type(what).__name__}"
         )
+    return _convert_and_warn(what, on_invalid, crease_angle)
+
+
+def _convert_and_warn(
+    what: Any, on_invalid: OnInvalid = "raise", crease_angle: float = _CREASE_ANGLE
+) -> Scene:
+    """Convert an object of another package to a scene; warn of what is left out."""
     left_out = LeftOut()
-    source = f"trimesh {type(what).__name__}"
-    context = Context(source, on_invalid, crease_angle, left_out)
-    scene = TrimeshAdapter(context, from_file=False).scene(what)
-    left_out.warn(source)
+    scene = _convert_object(what, left_out, on_invalid, crease_angle)
+    left_out.warn(_describe_object(what))
     return scene
 
 
-def _from_foreign(what: Any, on_invalid: OnInvalid, crease_angle: float) -> Scene:
-    """Turn an object of another package into a scene; warn of what was left out."""
-    left_out = LeftOut()
-    scene = convert_foreign(what, on_invalid, crease_angle, left_out)
-    left_out.warn(describe_object(what))
-    return scene
+def _convert_object(
+    what: Any,
+    left_out: LeftOut,
+    on_invalid: OnInvalid = "raise",
+    crease_angle: float = _CREASE_ANGLE,
+) -> Scene:
+    """Convert an object of another package to a scene."""
+    if not _is_trimesh(what):
+        return convert_foreign(what, on_invalid, crease_angle, left_out)
+    context = Context(_describe_object(what), on_invalid, crease_angle, left_out)
+    return TrimeshAdapter(context, from_file=False).scene(what)
+
+
+def _is_foreign(what: Any) -> bool:
+    """Tell whether this is an object of trimesh, PyVista, Open3D or meshio."""
+    return _is_trimesh(what) or find_package(what) is not None
+
+
+def _describe_object(what: Any) -> str:
+    """Return the package and type of an object, such as ``trimesh Scene``."""
+    return f"trimesh {type(what).__name__}" if _is_trimesh(what) else describe_object(what)
+
+
+def _describe_wrong_type(what: Any) -> str:
+    """Return the end of an error message for what is neither ours nor of a package we know."""
+    hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
+    return (
+        "or an object of trimesh's, PyVista's, Open3D's or meshio's, got "
+        f"{type(what).__name__}{hint}"
+    )
 
 
 def as_scene(what: Any, name: str = "what") -> Scene:
@@ -443,9 +469,9 @@ def as_scene(what: Any, name: str = "what") -> Scene:
     Parameters
     ----------
     what : Scene, Mesh, Points, Lines, or an object of trimesh, PyVista, Open3D or meshio
-        A scene is returned as it is.
+        A scene is returned unchanged.
     name : str
-        What errors call it.
+        What error messages call it.
 
     Raises
     ------
@@ -458,20 +484,14 @@ def as_scene(what: Any, name: str = "what") -> Scene:
         scene = Scene()
         scene.add(what)
         return scene
-    if _is_trimesh(what):
-        return from_trimesh(what)
-    if find_package(what) is not None:
-        return _from_foreign(what, "raise", _CREASE_ANGLE)
-    hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
-    raise ValueError(
-        f"{name} must be a Scene, a Mesh, Points, Lines, or an object of trimesh's, PyVista's, "
-        f"Open3D's or meshio's, got {type(what).__name__}{hint}"
-    )
+    if _is_foreign(what):
+        return _convert_and_warn(what)
+    raise ValueError(f"{name} must be a Scene, a Mesh, Points, Lines, {_describe_wrong_type(what)}")
 
 
 def get_scene_to_add(what: Any) -> Scene:
     """
-    Return a scene, or an object of another package as one, whose nodes are to be added to another.
+    Return a scene, or convert an object of another package to one, to add its nodes to another.
 
     Raises
     ------
@@ -484,20 +504,11 @@ def get_scene_to_add(what: Any) -> Scene:
         Once, naming what it has besides nodes.
     """
     left_out = LeftOut()
-    if _is_trimesh(what):
-        source = f"trimesh {type(what).__name__}"
-        context = Context(source, "raise", _CREASE_ANGLE, left_out)
-        scene = TrimeshAdapter(context, from_file=False).scene(what)
-    elif find_package(what) is not None:
-        scene = convert_foreign(what, "raise", _CREASE_ANGLE, left_out)
-    elif isinstance(what, Scene):
-        scene = what
-    else:
-        hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
+    if not isinstance(what, Scene) and not _is_foreign(what):
         raise ValueError(
-            "mesh must be a rasterjit Mesh, Label, Node or Scene, or an object of trimesh's, "
-            f"PyVista's, Open3D's or meshio's, got {type(what).__name__}{hint}"
+            f"mesh must be a rasterjit Mesh, Label, Node or Scene, {_describe_wrong_type(what)}"
         )
+    scene = what if isinstance(what, Scene) else _convert_object(what, left_out)
     if not scene.nodes:
         raise ValueError("mesh must be a scene with at least one mesh, got an empty one")
     for light in scene.lights:
@@ -510,7 +521,7 @@ def get_scene_to_add(what: Any) -> Scene:
 
 
 def _is_trimesh(what: Any) -> TypeGuard[trimesh.Trimesh | trimesh.Scene]:
-    """Tell whether this is an object of trimesh, which exists only if trimesh is imported."""
+    """Tell whether this is an object of trimesh, without importing trimesh."""
     trimesh = sys.modules.get("trimesh")
     return trimesh is not None and isinstance(what, (trimesh.parent.Geometry, trimesh.Scene))
 

@@ -373,5 +373,7 @@ def test_load_takes_trimesh_objects_and_refuses_what_they_have_no_use_for():
     assert len(smooth.vertices) == 8
     assert len(rj.load(box).nodes[0].mesh.vertices) == 24
     for options in ({"max_bytes": 5}, {"on_damage": "warn"}, {"resource_root": "."}):
-        with pytest.raises(ValueError, match=f"{next(iter(options))} must not be given for a tri"):
+        with pytest.raises(
+            ValueError, match=f"{next(iter(options))} must not be given for an object of tri"
+        ):
             rj.load(box, **options)
