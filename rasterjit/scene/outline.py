@@ -8,11 +8,18 @@ from typing import Literal, TypeAlias, get_args
 
 from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
-from rasterjit.scene.validation import bounded_number, line_width
+from rasterjit.scene.validation import bounded_number, brief, line_width, one_of, sequence
 
 EdgeKind: TypeAlias = Literal["silhouette", "object", "crease"]
 EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
 """Kinds of edges that an outline may follow."""
+
+HiddenLines: TypeAlias = Literal["none", "dashed"]
+HIDDEN_LINES: tuple[HiddenLines, ...] = get_args(HiddenLines)
+"""What may be drawn of hidden edges."""
+
+MIN_DASH, MAX_DASH = 1.0, 1024.0
+"""Least and largest length of a dash or a gap, pixels."""
 
 
 @suggests_replace
@@ -40,22 +47,44 @@ class Outline:
         meet at an angle.
     crease_angle : float
         By how much a crease turns at least, degrees, 0..180; in a plane it is 0.
+    hidden : {"none", "dashed"}
+        What is drawn of edges that surfaces hide: nothing, or dashes, half as wide and smooth in
+        any quality. They are edges of faces: where a surface ends, turns away or bends; not where
+        objects or faces pierce each other.
+    dash : (float, float)
+        Lengths of the dashes of hidden edges and of the gaps between them, pixels, 1..1024.
 
     Raises
     ------
     ValueError
-        If the colour is not one, the width or the angle is out of range, or an edge is unknown.
+        If the colour is not one, the width, the angle or a length is out of range, or an edge or
+        what is drawn of hidden ones is unknown.
     """
 
     color: Converted[ColorLike, RGBA] = Converted("black")
     width: float = 1.0
     edges: Sequence[EdgeKind] = EDGE_KINDS
     crease_angle: float = 40.0
+    hidden: HiddenLines = "none"
+    dash: Sequence[float] = (5.0, 4.0)
 
     def __post_init__(self) -> None:
         store(self, color=rgba("color", self.color), edges=_check_edges(self.edges))
         store(self, width=line_width("width", self.width))
+        one_of("hidden", self.hidden, HIDDEN_LINES)
+        store(self, dash=_check_dash(self.dash))
         store(self, crease_angle=bounded_number("crease_angle", self.crease_angle, 0.0, 180.0))
+
+
+def _check_dash(value: Sequence[float]) -> tuple[float, float]:
+    """Return the lengths of dashes and gaps, pixels, or raise ``ValueError``."""
+    lengths = sequence("dash", value)
+    if len(lengths) != 2:
+        raise ValueError(f"dash must be the lengths of a dash and a gap, got {brief(value)}")
+    dash, gap = (
+        bounded_number(f"dash[{n}]", length, MIN_DASH, MAX_DASH) for n, length in enumerate(lengths)
+    )
+    return dash, gap
 
 
 def _check_edges(value: Sequence[str]) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.light import DirectionalLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.outline import Outline
+from rasterjit.scene.outline import HiddenLines, Outline
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -166,7 +166,7 @@ def clay(scene: Any, camera: Camera | None = None) -> Style:
     return replace(result, name="clay", adds={**result.adds, "shading": "one material"})
 
 
-def technical(scene: Any, camera: Camera | None = None) -> Style:
+def technical(scene: Any, camera: Camera | None = None, *, hidden: HiddenLines = "none") -> Style:
     """
     Return a scene as a drawing: flat paper-white faces, and ink along outlines and creases.
 
@@ -174,9 +174,18 @@ def technical(scene: Any, camera: Camera | None = None) -> Style:
     ----------
     scene, camera
         As `plain` takes them.
+    hidden : {"none", "dashed"}
+        What is drawn of edges that surfaces hide, as `Outline` has it.
+
+    Raises
+    ------
+    ValueError
+        If ``hidden`` is neither.
     """
     paper = style.recolor(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
-    styled = copy_with_changes(paper, outline=Outline(INK, 1.5), environment=None, fog=None)
+    styled = copy_with_changes(
+        paper, outline=Outline(INK, 1.5, hidden=hidden), environment=None, fog=None
+    )
     adds = {"outline": "smooth lines along edges", "shading": "one colour"}
     return Style("technical", styled, camera, LINES, PAPER, adds=adds)
 

@@ -189,10 +189,10 @@ def test_every_effect_is_in_the_full_scene(told):
     )  # fmt: skip
     absent = {effect.name for effect in plan.effects if not effect.used}
     # An image is no part of a scene; hatchings and section lines have the kernels of outlines and
-    # wireframes.
+    # wireframes. Those of hidden lines are tested beside them.
     assert absent == {
         "single-sided objects", "background image", "diagnostics", "section hatching",
-        "section lines",
+        "section lines", "hidden lines",
     }  # fmt: skip
     assert told.keys() - {""} == GONE.keys() == {*switched_off.WITHOUT, "anti-aliasing"}, (
         "add a row to GONE, and one to WITHOUT in tests/support/switched_off.py"

@@ -18,7 +18,7 @@ LARGEST_ERROR = 0.07
 """Largest error of a pixel that is not at an end."""
 
 
-def cover(lines, width, rows=None, depths=None, depth=None, slack=None):
+def cover(lines, width, rows=None, depths=None, depth=None, slack=None, part=strokes.VISIBLE):
     """Return how much of each pixel lines cover, (N, 4) in pixels."""
     ends = np.rint(np.array(lines) * UNIT).astype(np.int32).reshape(-1, 4)
     first, last = rows or (0, SIZE[1])
@@ -28,8 +28,8 @@ def cover(lines, width, rows=None, depths=None, depth=None, slack=None):
     slack = np.zeros(depth.shape, np.float32) if slack is None else slack
     strokes.stroke_lines(
         np.arange(len(ends), dtype=np.int32), ends, depths, (first, last),
-        make_viewport(SIZE, 8), depth, slack, width / 2, strokes.make_scratch(len(found), SIZE[0]),
-        found,
+        make_viewport(SIZE, 8), depth, slack, width / 2, part,
+        strokes.make_scratch(len(found), SIZE[0]), found,
     )  # fmt: skip
     return found
 
@@ -83,6 +83,8 @@ def test_what_lies_behind_is_hidden():
     is_clear = np.ones(SIZE[0], bool)
     is_clear[10:20] = False
     assert (found[:, is_clear] == free[:, is_clear]).all()
+    hidden = cover(line, 2.0, depths=[(0.4, 0.2)], depth=depth, part=strokes.HIDDEN)
+    assert (found + hidden == free).all()
     slack = np.full(depth.shape, 0.2, np.float32)
     assert (cover(line, 2.0, depths=[(0.4, 0.2)], depth=depth, slack=slack) == free).all()
 

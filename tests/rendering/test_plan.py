@@ -338,6 +338,7 @@ def test_every_reason_is_spelled_out(cube, camera):
         "tone mapping             out (scene.tone_map is None)",
         "ambient occlusion        out (scene.ambient_occlusion is None)",
         "vignette                 out (scene.vignette is None)",
+        "hidden lines             out (scene.outline is None)",
         "outline                  out (scene.outline is None)",
         "section                  out (scene.section is None)",
         "section hatching         out (scene.section is None)",

@@ -21,7 +21,9 @@ FEW, MANY = 25, 1200
 """Scenes of a quick run, and of a long one."""
 
 
-UNASKED = "diagnostics", "labels", "section", "section hatching", "section lines"
+UNASKED = (
+    "diagnostics", "labels", "section", "section hatching", "section lines", "hidden lines",
+)  # fmt: skip
 """Rows that are in if they are asked for: planes may cut nothing, labels lie behind the eye."""
 
 

@@ -388,6 +388,7 @@ OUT = {
     "tone mapping": [without_colors("tone_map"), effect("tone_map", rj.ToneMap("none"))],
     "ambient occlusion": [effect("ambient_occlusion", rj.AmbientOcclusion(0.5, strength=0.0))],
     "vignette": [effect("vignette", rj.Vignette(strength=0.0))],
+    "hidden lines": [without_colors("outline")],
     "outline": [without_colors("outline")],
     "section": [effect("section", rj.SectionPlane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0)))],
     "section hatching": [

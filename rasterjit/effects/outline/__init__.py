@@ -33,12 +33,6 @@ from rasterjit.survey.effect import BatchedEffect, FrameContext, ScreenEffect, a
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
-EDGE_BITS = {
-    "silhouette": outline_stage.SILHOUETTE,
-    "object": outline_stage.OBJECT,
-    "crease": outline_stage.CREASE,
-}
-
 MATRIX, MARKS = "unprojection for outlines", "marks of outlines"
 """Keys of a view's arrays in recorded calls: see `Outlines.compute_view_arrays`."""
 
@@ -62,7 +56,7 @@ def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint
         MATRIX, build_unprojection_matrix(context.plan.camera, (width, height), 1.0)
     )
     snap_slack = math.ldexp(SNAP_SLACK_UNITS, -geometry.viewport.subpixel_bits)
-    kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
+    kinds = functools.reduce(operator.or_, (outline_stage.EDGE_BITS[kind] for kind in effect.edges))
     _, min_cosine = transforms.sine_cosine(effect.crease_angle)
     bands = split_into_bands(face_id.shape, workers)
     shared = coverage.reversed_vertex_depth, geometry, context.placement, matrix, snap_slack, kinds

@@ -24,6 +24,9 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8,
 SILHOUETTE, OBJECT, CREASE = 1, 2, 4
 """Kinds of edges, as bits of a whole number."""
 
+EDGE_BITS = {"silhouette": SILHOUETTE, "object": OBJECT, "crease": CREASE}
+"""The bit of each kind of edge that an outline may follow."""
+
 MIN_JUMP_FOOTPRINTS = np.float32(2.0)
 """Least difference of depths, in footprints of a pixel, where a surface ends before another."""
 

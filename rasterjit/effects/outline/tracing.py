@@ -66,13 +66,12 @@ MAX_EXTENSION = 8.0
 
 
 @helper
-def locate(vertex, origin, axis, sign, geometry):
+def find_place(vertex, geometry):
     """
-    Return where a vertex lies from a pixel's centre: toward a neighbour, aside, and w.
+    Return where a vertex lies on the screen, x and y times w, pixels, and w.
 
-    Both distances, in pixels, are multiplied by w. A w of NaN: it lies nowhere.
+    A w of NaN: it lies nowhere.
     """
-    column, row = origin
     viewport, code = geometry.viewport, geometry.codes[vertex]
     if code & INVALID:
         return 0.0, 0.0, np.nan
@@ -81,11 +80,21 @@ def locate(vertex, origin, axis, sign, geometry):
         w = geometry.clip_positions[vertex, 3]
         x = (geometry.clip_positions[vertex, 0] + w) * (0.5 * width) - viewport.left * w
         y = (w - geometry.clip_positions[vertex, 1]) * (0.5 * height) - viewport.top * w
-    else:
-        per_pixel = 1.0 / np.float64(np.int64(1) << viewport.grid_bits)
-        w = 1.0
-        x = np.float64(geometry.xy[vertex, 0]) * per_pixel
-        y = np.float64(geometry.xy[vertex, 1]) * per_pixel
+        return x, y, w
+    per_pixel = 1.0 / np.float64(np.int64(1) << viewport.grid_bits)
+    x, y = np.float64(geometry.xy[vertex, 0]), np.float64(geometry.xy[vertex, 1])
+    return x * per_pixel, y * per_pixel, 1.0
+
+
+@helper
+def locate(vertex, origin, axis, sign, geometry):
+    """
+    Return where a vertex lies from a pixel's centre: toward a neighbour, aside, and w.
+
+    Both distances, in pixels, are multiplied by w. A w of NaN: it lies nowhere.
+    """
+    column, row = origin
+    x, y, w = find_place(vertex, geometry)
     x, y = x - (np.float64(column) + 0.5) * w, y - (np.float64(row) + 0.5) * w
     return (sign * x, y, w) if axis == 0 else (sign * y, x, w)
 

@@ -147,7 +147,7 @@ def cover_edges(
             line_coverage.cover_lines(*lines, coverage)
         else:
             nearest = strokes.make_scratch(len(coverage), viewport.width)
-            strokes.stroke_lines(*lines, 0.5 * width, nearest, coverage)
+            strokes.stroke_lines(*lines, 0.5 * width, strokes.VISIBLE, nearest, coverage)
         pixels = target[rows[0] : rows[1]]
         line_coverage.blend_lines(coverage, rgba.view(np.uint32), light, table, pixels)
 

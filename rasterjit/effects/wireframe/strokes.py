@@ -20,6 +20,9 @@ SQUARED, NORMAL_X, NORMAL_Y = 0, 1, 2
 """Rows of scratch: squared distance to the nearest line, and a direction across it, any length."""
 SCRATCH_ROWS = 3
 
+VISIBLE, HIDDEN = 0, 1
+"""Which parts of lines are drawn: those that no surface hides, or those that one does."""
+
 REACH_PX = 0.75
 """Distance beyond half the width to the centres of pixels that a line covers, with a margin."""
 
@@ -46,31 +49,32 @@ def start_rows(nearest):
 
 
 @helper
-def is_hidden(share, ramp, depth, slack, row, column):
-    """Return whether a surface hides the point at a share of a piece from a pixel."""
+def is_wanted(share, ramp, depth, slack, row, column):
+    """Return whether a pixel shows the point at a share of a piece; see `approach_wanted`."""
     if depth.shape[0] == 0:
-        return False
-    near, rise, distance = ramp
+        return True
+    near, rise, distance, part = ramp
     # Without occluders, depth has a single row.
     row = min(row, depth.shape[0] - 1)
     allowed = np.float64(depth[row, column]) - distance * np.float64(slack[row, column])
-    return not near + share * rise >= allowed
+    is_seen = near + share * rise >= allowed
+    return is_seen == (part == VISIBLE)
 
 
 @helper
-def approach_visible(piece, ramp, depth, slack, first_row, reach, nearest):
+def approach_wanted(piece, ramp, depth, slack, first_row, reach, nearest):
     """
-    Take a straight piece of a line where it is seen, and nearer than all before.
+    Take a straight piece of a line where it is wanted, and nearer than all before.
 
     Parameters
     ----------
     piece : (float, float, float, float)
         x0, y0, x1, y1, pixels.
-    ramp : (float, float, float)
-        Stored depth at the first end, its change to the second, and the largest distance from
-        pixels to the line, pixels in x or y.
+    ramp : (float, float, float, int)
+        Stored depth at the first end, its change to the second, the largest distance from pixels
+        to the line, pixels in x or y, and which part is wanted: `VISIBLE` or `HIDDEN`.
     depth, slack : (H, W), (1, W) or (0, W) float32
-        As `stroke_lines` takes them; without rows nothing hides the piece.
+        As `stroke_lines` takes them; without rows all of the piece is wanted.
     first_row : int
         Of ``nearest``.
     reach : float
@@ -94,7 +98,7 @@ def approach_visible(piece, ramp, depth, slack, first_row, reach, nearest):
             share = min(max(share, 0.0), 1.0)
             off_x, off_y = x - share * along_x, y - share * along_y
             distance = np.float32(off_x * off_x + off_y * off_y)
-            if distance < found[SQUARED, column] and not is_hidden(
+            if distance < found[SQUARED, column] and is_wanted(
                 share, ramp, depth, slack, row, column
             ):
                 is_beyond = (share == 0.0 or share == 1.0) and distance > MAX_SQUARED_AT_END
@@ -106,9 +110,10 @@ def approach_visible(piece, ramp, depth, slack, first_row, reach, nearest):
 
 @helper
 def approach_piece(piece, first_row, reach, nearest):
-    """Take a piece that nothing hides; see `approach_visible`."""
+    """Take a piece that nothing hides; see `approach_wanted`."""
     nothing = nearest[0][:0]
-    approach_visible(piece, (0.0, 0.0, 0.0), nothing, nothing, first_row, reach, nearest)
+    ramp = 0.0, 0.0, 0.0, np.int64(VISIBLE)
+    approach_wanted(piece, ramp, nothing, nothing, first_row, reach, nearest)
 
 
 @helper
@@ -140,10 +145,10 @@ def cover_rows(nearest, half_width, area):
 def stroke_lines(
     line_list: int32[::1], ends: int32[:, ::1], depths: float64[:, ::1], rows: (int64, int64),
     viewport: Viewport, depth: float32[:, ::1], slack: float32[:, ::1], half_width: float64,
-    nearest: float32[:, :, ::1], area: float32[:, ::1],
+    part: int64, nearest: float32[:, :, ::1], area: float32[:, ::1],
 ):  # fmt: skip
     """
-    Find the coverage of each pixel of a band by visible lines with round ends.
+    Find the coverage of each pixel of a band by lines with round ends.
 
     Parameters
     ----------
@@ -151,6 +156,8 @@ def stroke_lines(
         As `coverage.cover_lines` takes them.
     half_width : float
         Half the width of the lines, pixels.
+    part : int
+        Which parts of them: `VISIBLE` or `HIDDEN`.
     nearest : (R, 3, W) float32
         Scratch, from `make_scratch`.
     area : (R, W) float32
@@ -169,6 +176,6 @@ def stroke_lines(
         near = rise = 0.0
         if depths.shape[0] != 0:
             near, rise = depths[line, 0], depths[line, 1] - depths[line, 0]
-        ramp = near, rise, reach
-        approach_visible(piece, ramp, hiding, slack, rows[0], reach, nearest)
+        ramp = near, rise, reach, part
+        approach_wanted(piece, ramp, hiding, slack, rows[0], reach, nearest)
     cover_rows(nearest, half_width, area)
