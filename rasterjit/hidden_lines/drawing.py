@@ -14,18 +14,29 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.label import Texts, project_anchors
 from rasterjit.hidden_lines import graphics, helvetica, stage
-from rasterjit.hidden_lines.edges import DEFAULT_KINDS, KINDS, LineKind, find_edges
+from rasterjit.hidden_lines.edges import (
+    DEFAULT_KINDS,
+    KINDS,
+    FeatureEdges,
+    LineKind,
+    collect_faces,
+    find_edges,
+    join_parts,
+)
 from rasterjit.hidden_lines.occlusion import (
     Triangles,
     find_hiding_triangles,
     hides_point,
     split_by_visibility,
 )
+from rasterjit.hidden_lines.piercings import find_intersections
 from rasterjit.inspect.cross_section import join_edges
 from rasterjit.io.atomic_write import atomic_file
 from rasterjit.io.images import check_save_path
 from rasterjit.io.meshes import as_scene
 from rasterjit.io.text_layout import PADDING_SHARE
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.visibility.visibility_pass import make_geometry, project_to_screen
 from rasterjit.rendering.planning import PlannedFrame, check_request, plan_frame
 from rasterjit.rendering.renderer import find_visible
 from rasterjit.runtime.threads import Workers
@@ -49,19 +60,14 @@ from rasterjit.survey.effect import with_field
 HiddenLines: TypeAlias = Literal["none", "dashed"]
 
 WIDTHS = {
-    "section": 1.0, "boundary": 1.0, "silhouette": 1.0, "crease": 0.5, "line": 0.5,
-    "wireframe": 0.25, "hidden": 0.35,
+    "section": 1.0, "boundary": 1.0, "silhouette": 1.0, "crease": 0.5, "intersection": 0.5,
+    "line": 0.5, "wireframe": 0.25, "hidden": 0.35,
 }  # fmt: skip
 """Widths of lines, points; outlines are twice as wide as the edges inside them, as ISO 128 asks."""
 
 FROM_BEHIND: tuple[LineKind, ...] = (
-    "wireframe",
-    "line",
-    "crease",
-    "boundary",
-    "silhouette",
-    "section",
-)
+    "wireframe", "line", "intersection", "crease", "boundary", "silhouette", "section",
+)  # fmt: skip
 """Kinds of lines in the order in which they are drawn."""
 
 SUBPIXEL_BITS: Literal[12] = 12
@@ -87,8 +93,8 @@ class LineDrawing:
         Both ends of each line, pixels: x right, y down, the centre of the pixel in column i and row
         j at (i + 0.5, j + 0.5). In the picture; in the order of edges, then along them.
     kinds : (N,) str
-        ``"section"``, ``"boundary"``, ``"silhouette"``, ``"crease"``, ``"line"`` or
-        ``"wireframe"``.
+        ``"section"``, ``"boundary"``, ``"silhouette"``, ``"crease"``, ``"intersection"``,
+        ``"line"`` or ``"wireframe"``.
     object_ids : (N,) int32
         Whose edges they are, as the output ``object_id`` numbers objects.
     visible : (N,) bool
@@ -286,8 +292,8 @@ def line_drawing(
     - Objects that blend (``alpha_mode="blend"`` with an alpha below 1) or transmit light hide
       nothing, but their own edges are drawn. Holes of alpha masks are not seen.
     - A section cuts the scene first; its caps hide as faces do.
-    - Faces that pierce each other hide each other's edges from where they pierce; the line along
-      which they do so is no edge, and not drawn.
+    - Faces that pierce each other hide each other's edges from where they pierce. The line along
+      which they do so is an edge; where solids touch by what float32 rounds, there is none.
     - Points are not drawn, and `Lines` as lines of one width that hide nothing; a lens would bend
       lines, so there is none.
 
@@ -302,8 +308,8 @@ def line_drawing(
         Which edges; one of several kinds is of the first of them. ``"section"``: where a plane of
         the scene's section cuts faces. ``"boundary"``: with a face on one side alone.
         ``"silhouette"``: where the surface turns away. ``"crease"``: where two faces meet at an
-        angle, or more than two. ``"line"``: the lines of `Lines`. ``"wireframe"``: all other edges
-        of faces; it is not drawn by default.
+        angle, or more than two. ``"intersection"``: where two faces pierce each other. ``"line"``:
+        the lines of `Lines`. ``"wireframe"``: all other edges of faces; not by default.
     crease_angle : float, optional
         By how much a crease turns at least, degrees, 0..180. Default: that of the scene's
         `Outline`, or of any.
@@ -392,10 +398,17 @@ def _draw(
     assert coverage.lists is not None
     triangles = find_hiding_triangles(planned, coverage.lists.faces, seen.objects, coverage.screen)
     # Find the edges, and project them.
-    edges = find_edges(cache, geometry, seen.objects, seen.placement, kinds, angle)
-    ends, depths = np.zeros((len(edges.vertices), 4), np.int32), np.zeros((len(edges.vertices), 2))
+    faces = collect_faces(cache, geometry, seen.objects, seen.placement)
+    edges = find_edges(cache, faces, kinds, angle)
     coefficients = plan.depth_format.coefficients
-    stage.project_segments(edges.vertices, geometry, coefficients, ends, depths)
+    ends, depths = project_edges(edges, geometry, coefficients)
+    if "intersection" in kinds:
+        piercings, points = find_intersections(faces, workers)
+        more_ends, more_depths = project_edges(
+            piercings, _project_points(points, planned, geometry, workers), coefficients
+        )
+        ends, depths = np.concatenate([ends, more_ends]), np.concatenate([depths, more_depths])
+        edges = join_parts([edges, piercings])
     # Decide what is visible.
     turned = np.flatnonzero(edges.is_turned_away)
     others = np.flatnonzero(~edges.is_turned_away)
@@ -419,6 +432,27 @@ def _draw(
         read_only(owners.astype(np.int32)), read_only(~is_hidden[is_inside]),
         _find_labels(planned, triangles), color,
     )  # fmt: skip
+
+
+def project_edges(
+    edges: FeatureEdges, geometry: Geometry, coefficients: tuple[float, float, float]
+) -> tuple[Int32, Float64]:
+    """Return the ends of edges on the sub-pixel grid, (E, 4), and their stored depths, (E, 2)."""
+    count = len(edges.vertices)
+    ends, depths = np.zeros((count, 4), np.int32), np.zeros((count, 2))
+    stage.project_segments(edges.vertices, geometry, coefficients, ends, depths)
+    return ends, depths
+
+
+def _project_points(
+    points: Float64, planned: PlannedFrame, like: Geometry, workers: Workers
+) -> Geometry:
+    """Return points relative to the eye, (N, 3), projected as vertices are, without faces."""
+    clip_positions = transform_points(planned.views.clip_from_relative, points)
+    screen, _ = project_to_screen(
+        clip_positions, planned.plan.depth_format.coefficients, like.viewport, workers
+    )
+    return make_geometry(like.faces[:0], screen, clip_positions, like.viewport)
 
 
 def clip_to_page(segments: Float64, size: tuple[int, int]) -> tuple[Float64, Bool]:

@@ -19,11 +19,15 @@ from rasterjit.scene.normals import compute_area_vectors, dot_rows, safe_scale
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.survey.cache import SceneCache
 
-LineKind: TypeAlias = Literal["section", "boundary", "silhouette", "crease", "line", "wireframe"]
+LineKind: TypeAlias = Literal[
+    "section", "boundary", "silhouette", "crease", "intersection", "line", "wireframe"
+]
 KINDS: tuple[LineKind, ...] = get_args(LineKind)
 """Kinds of edges; one that is of several is of the first."""
 
-DEFAULT_KINDS: tuple[LineKind, ...] = ("section", "boundary", "silhouette", "crease", "line")
+DEFAULT_KINDS: tuple[LineKind, ...] = (
+    "section", "boundary", "silhouette", "crease", "intersection", "line",
+)  # fmt: skip
 """All but the wireframe."""
 
 
@@ -40,8 +44,8 @@ class FeatureEdges(NamedTuple):
     """(E,): whether all faces at the edge are culled."""
 
 
-class _Faces(NamedTuple):
-    """The faces whose edges are looked at, (F,), without repeats."""
+class SurfaceFaces(NamedTuple):
+    """The faces whose edges are looked at, without repeats."""
 
     corners: Int64
     """(F, 3), one vertex for each position."""
@@ -52,43 +56,43 @@ class _Faces(NamedTuple):
     """(F, 3), twice the face's area long."""
     is_drawn: Bool
     """(F,): whether the face, or one with the same corners, is not culled."""
+    positions: Float64
+    """(V, 3): of all vertices, relative to the eye, world axes."""
+    merged: Int64
+    """(V,): the vertex that stands for all of an object at one position."""
+    vertex_objects: Int64
+    """(V,)."""
 
 
 def find_edges(
-    cache: SceneCache, geometry: Geometry, objects: Objects, placement: Placement,
-    kinds: tuple[str, ...], crease_angle: float,
-) -> FeatureEdges:  # fmt: skip
+    cache: SceneCache, faces: SurfaceFaces, kinds: tuple[str, ...], crease_angle: float
+) -> FeatureEdges:
     """
-    Find the edges of some kinds.
+    Find the edges of some kinds; intersections are none of them.
 
     Parameters
     ----------
     cache : SceneCache
-    geometry : Geometry
-        With clip positions.
-    objects : Objects
-    placement : Placement
+    faces : SurfaceFaces
     kinds : tuple of str
         Of `KINDS`.
     crease_angle : float
         By how much a crease turns at least, degrees.
     """
-    vertex_objects = np.repeat(
-        np.arange(len(placement.face_starts) - 1), np.diff(cache.shapes.arrays.vertex_starts)
-    )
-    numbers, firsts = distinct_rows(*placement.positions.T, vertex_objects)
-    merged = firsts[numbers]
     parts = [_find_lines(cache)] if "line" in kinds else []
-    faces = _collect_faces(cache, geometry, objects, placement, merged)
     if len(faces.corners):
-        cut, whole = _cut_edges(cache, merged)
+        cut, whole = _cut_edges(cache, faces.merged)
         parts.append(_classify(faces, kinds, crease_angle, cut, whole))
         if "section" in kinds:
-            parts.append(_find_cap_corners(parts[-1], cut, vertex_objects))
-    if not parts:
-        none = np.empty(0, np.int64)
-        return FeatureEdges(np.empty((0, 2), np.int32), none, none, np.empty(0, bool))
-    return FeatureEdges(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+            parts.append(_find_cap_corners(parts[-1], cut, faces.vertex_objects))
+    return join_parts(parts)
+
+
+def join_parts(parts: list[FeatureEdges]) -> FeatureEdges:
+    """Return all edges of several tables."""
+    none = np.empty(0, np.int64)
+    empty = FeatureEdges(np.empty((0, 2), np.int32), none, none, np.empty(0, bool))
+    return FeatureEdges(*(np.concatenate(arrays) for arrays in zip(empty, *parts, strict=True)))
 
 
 def _find_lines(cache: SceneCache) -> FeatureEdges:
@@ -104,10 +108,16 @@ def _find_lines(cache: SceneCache) -> FeatureEdges:
     )  # fmt: skip
 
 
-def _collect_faces(
-    cache: SceneCache, geometry: Geometry, objects: Objects, placement: Placement, merged: Int64
-) -> _Faces:
+def collect_faces(
+    cache: SceneCache, geometry: Geometry, objects: Objects, placement: Placement
+) -> SurfaceFaces:
     """Return the faces whose edges are looked at: triangles with three corners, none of a cap."""
+    # Merge the vertices of an object at one position.
+    vertex_starts = cache.shapes.arrays.vertex_starts
+    vertex_objects = np.repeat(np.arange(len(vertex_starts) - 1), np.diff(vertex_starts))
+    numbers, first_rows = distinct_rows(*placement.positions.T, vertex_objects)
+    merged = first_rows[numbers]
+    # Choose the faces.
     arrays, owners = cache.shapes.arrays, cache.shapes.object_numbers[:-1].astype(np.int64)
     is_wanted = np.ones(len(arrays.faces), bool)
     for primitive in arrays.primitives:
@@ -127,12 +137,13 @@ def _collect_faces(
         same, firsts = distinct_rows(*np.sort(corners, axis=1).T)
         is_drawn = np.bincount(same, is_drawn, len(firsts)) > 0.0
         corners, owners, windings = corners[firsts], owners[firsts], windings[firsts]
-    vertex_objects = np.searchsorted(arrays.vertex_starts, np.arange(len(merged)), "right") - 1
     positions = _transform(placement, vertex_objects)
     used = positions[corners.ravel()] if len(corners) else np.ones((1, 3))
     scale = safe_scale(used.min(axis=0), used.max(axis=0))
     normals = compute_area_vectors(positions, corners.astype(np.int32), scale)
-    return _Faces(corners, owners, windings, normals, is_drawn)
+    return SurfaceFaces(
+        corners, owners, windings, normals, is_drawn, positions, merged, vertex_objects
+    )
 
 
 def _transform(placement: Placement, vertex_objects: Int64) -> Float64:
@@ -182,7 +193,11 @@ def _edge_keys(a: Int64, b: Int64) -> Int64:
 
 
 def _classify(
-    faces: _Faces, kinds: tuple[str, ...], crease_angle: float, cut: Int64, whole: Int64 | None
+    faces: SurfaceFaces,
+    kinds: tuple[str, ...],
+    crease_angle: float,
+    cut: Int64,
+    whole: Int64 | None,
 ) -> FeatureEdges:
     """Return the edges of faces that are of one of some kinds."""
     tails, heads = faces.corners.ravel(), np.roll(faces.corners, -1, axis=1).ravel()

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rasterjit.hidden_lines import stage
+from rasterjit.hidden_lines.cells import find_pairs, sort_into_cells
 from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID
 from rasterjit.pipeline.records import Faces, Objects, ScreenVertices
 from rasterjit.rendering.planning import PlannedFrame
@@ -24,18 +25,6 @@ from rasterjit.survey.object_counts import is_see_through
 
 DEPTH_ROUNDING = 2.0**-40
 """Slack for the rounding of stored depths, as a share of the depth."""
-
-EDGES_PER_TASK = 1 << 12
-"""Edges of one call of the kernel."""
-
-SPANS_PER_EDGE = 8
-"""Spans of hidden parts that there is room for at first, for each edge."""
-
-CELLS_PER_TRIANGLE = 8
-"""Most entries of the cells' lists, and most cells, for each triangle; and 4096 more."""
-
-SHIFTS = range(12, 28)
-"""Binary logarithms of the width of a cell, units of the sub-pixel grid: the first that fits."""
 
 
 class Triangles(NamedTuple):
@@ -197,17 +186,16 @@ def split_by_visibility(
         Width and height of the picture, units of the grid; nothing is hidden outside it.
     workers : Workers
     """
-    cells, grid = _sort_into_cells(triangles, extent)
+    corners = triangles.corners.reshape(-1, 3, 2)
+    cells = sort_into_cells(corners.min(axis=1), corners.max(axis=1), extent)
+    grid = *cells.counts, cells.shift
     nearest = triangles.depths.max(axis=1, initial=-np.inf)
     surfaces = triangles.corners, triangles.depths, nearest, triangles.slack
 
-    def find(first: int) -> tuple[Int32, Float64]:
-        task = first, min(first + EDGES_PER_TASK, len(ends))
-        return _find_spans(task, (ends, edge_depths, surfaces, cells, grid))
-
-    found = workers.run(find, [(n,) for n in range(0, len(ends), EDGES_PER_TASK)])
-    pairs = np.concatenate([np.empty((0, 2), np.int32), *(pairs for pairs, _ in found)])
-    spans = np.concatenate([np.empty((0, 2)), *(spans for _, spans in found)])
+    pairs, spans = find_pairs(
+        stage.find_spans, len(ends), (ends, edge_depths, surfaces, cells[:2], grid),
+        (len(triangles.corners), 2), workers,
+    )  # fmt: skip
     _decide_in_fractions(pairs, spans, ends, edge_depths, triangles)
     # Split the edges where spans begin and end.
     order = np.lexsort((spans[:, 1], spans[:, 0], pairs[:, 0]))
@@ -217,23 +205,6 @@ def split_by_visibility(
     is_hidden = np.empty(room, np.uint8)
     count = stage.split_edges(len(ends), owners, spans, pieces, parts, is_hidden)
     return Pieces(pieces[:count], parts[:count], is_hidden[:count].astype(bool))
-
-
-def _find_spans(task: tuple[int, int], arguments: tuple) -> tuple[Int32, Float64]:
-    """Return pairs of an edge and a triangle, (M, 2), and the spans that are hidden, (M, 2)."""
-    (first, stop), count = task, np.zeros(1, np.int64)
-    stamps = np.full(len(arguments[2][0]), -1, np.int32)
-    room, found = SPANS_PER_EDGE * (stop - first), []
-    while first < stop:
-        pairs, spans = np.empty((room, 2), np.int32), np.empty((room, 2))
-        reached = stage.find_spans((first, stop), *arguments, stamps, pairs, spans, count)
-        found.append((pairs[: count[0]], spans[: count[0]]))
-        if reached < stop:
-            # The edge that had no room is looked at anew.
-            stamps.fill(-1)
-            room *= 2
-        first = reached
-    return np.concatenate([pairs for pairs, _ in found]), np.concatenate([one for _, one in found])
 
 
 def _decide_in_fractions(
@@ -247,30 +218,3 @@ def _decide_in_fractions(
             triangles.depths[triangle].tolist(), float(triangles.slack[triangle]),
         )  # fmt: skip
         spans[n] = (0.0, 0.0) if span is None else span
-
-
-def _sort_into_cells(
-    triangles: Triangles, extent: tuple[int, int]
-) -> tuple[tuple[Int64, Int32], tuple[int, int, int]]:
-    """Return the triangles of each cell, as `stage.find_spans` takes them, and the grid."""
-    width, height = extent
-    corners = triangles.corners.astype(np.int64).reshape(-1, 3, 2)
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    room = CELLS_PER_TRIANGLE * len(corners) + 4096
-    for shift in SHIFTS:
-        columns, rows = ((side - 1 >> shift) + 1 for side in (width, height))
-        last = np.array([columns - 1, rows - 1])
-        firsts = np.maximum(low >> shift, 0)
-        spans = np.maximum(np.minimum(high >> shift, last) - firsts + 1, 0)
-        counts = spans[:, 0] * spans[:, 1]
-        if columns * rows <= room and int(counts.sum()) <= room:
-            break
-    # List the cells of each triangle, then the triangles of each cell.
-    numbers = np.repeat(np.arange(len(counts)), counts)
-    inside = np.arange(len(numbers)) - np.repeat(np.cumsum(counts) - counts, counts)
-    row, column = np.divmod(inside, np.maximum(spans[numbers, 0], 1))
-    cells = (firsts[numbers, 1] + row) * columns + firsts[numbers, 0] + column
-    order = np.argsort(cells, kind="stable")
-    starts = np.searchsorted(cells[order], np.arange(columns * rows + 1))
-    lists = np.ascontiguousarray(numbers[order].astype(np.int32))
-    return (starts.astype(np.int64), lists), (columns, rows, shift)

@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 import rasterjit as rj
+from rasterjit.hidden_lines import cells
 from rasterjit.hidden_lines.occlusion import exact_span, make_triangles, split_by_visibility
 from rasterjit.inspect import oracle
 from rasterjit.runtime.threads import Workers
@@ -257,9 +258,8 @@ def test_edges_before_the_near_plane_are_cut_there():
 
 
 def test_bits_are_the_same_for_any_number_of_threads(monkeypatch):
-    from rasterjit.hidden_lines import occlusion
-
-    monkeypatch.setattr(occlusion, "EDGES_PER_TASK", 500)
+    monkeypatch.setattr(cells, "THINGS_PER_TASK", 500)
+    monkeypatch.setattr(cells, "PAIRS_PER_THING", 1)
     scene = rj.load("models/torus_knot.obj")
     one, other = (
         rj.line_drawing(scene, size=(200, 150), edges=("silhouette", "wireframe"), threads=count)
