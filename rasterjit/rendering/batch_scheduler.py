@@ -169,8 +169,6 @@ class BatchScheduler:
         self.has_headlight = not scene.lights and scene.environment is None
         self._plans: dict[tuple, RenderPlan | None] = {}
         self._lock = forks.lock()
-        boxes, places = self.cache.shapes.boxes, self.cache.transforms.world_from_model
-        self._scene_bounds = batched_views.compute_scene_bounds(boxes, places[np.newaxis])
 
     def acquire_commands(self, kind: tuple, number: int, camera: Camera) -> CommandBuffer | None:
         """
@@ -228,7 +226,7 @@ class BatchScheduler:
         views = batched_views.transform_to_views(known.world_from_model, eyes, view, projection)
         measures = measure_boxes(bounds, views.relative_from_model, views.clip_from_relative)
         # Place open planes where they clip nothing in view.
-        is_clear, far = self._check_planes(cameras, view, known, places is not None)
+        is_clear, far = self._check_planes(cameras, view, measures.ends)
         beyond_boxes = np.broadcast_to(self._are_spheres_beyond(known), len(cameras))
         needs_check = (~is_clear | beyond_boxes) & views.is_finite
         has_moved = False
@@ -290,7 +288,7 @@ class BatchScheduler:
         )
 
     def _check_planes(
-        self, cameras: Sequence[Camera], view: Float64, places: ObjectTransforms, are_moved: bool
+        self, cameras: Sequence[Camera], view: Float64, ends: Float64
     ) -> tuple[NDArray[np.bool_], Float64]:
         """Return which cameras' planes surely clip nothing, (N,), and their far planes, (N,)."""
         near, far = np.full(len(cameras), -np.inf), np.full(len(cameras), np.inf)
@@ -301,12 +299,7 @@ class BatchScheduler:
             near[n] = planes.near / (1.0 - PLANE_MARGIN) if planes.is_near_open else planes.near
             far[n] = planes.far * (1.0 - PLANE_MARGIN) if planes.is_far_open else planes.far
         near[near <= 0.0] = -np.inf
-        low, high = (
-            batched_views.compute_scene_bounds(self.cache.shapes.boxes, places.world_from_model)
-            if are_moved
-            else self._scene_bounds
-        )
-        return batched_views.are_boxes_between(low, high, view, near, far), far
+        return batched_views.are_boxes_between(ends, view, near, far), far
 
     def _find_crossed_views(
         self, cameras: Sequence[Camera], needs_check: NDArray[np.bool_],

@@ -79,7 +79,10 @@ class ViewGroup:
     @cached_property
     def corners(self) -> Float64:
         """The corners of all boxes, (N, O, 8, 3), world axes, relative to the eye."""
-        return _transform_batched_boxes(self.bounds, self.views.relative_from_model)
+        matrices = self.views.relative_from_model
+        boxes = np.broadcast_to(self.bounds, (*matrices.shape[:2], 2, 3)).reshape(-1, 2, 3)
+        corners = transform_boxes(boxes, matrices.reshape(-1, 4, 4)[:, :3])
+        return corners.reshape(*matrices.shape[:2], 8, 3)
 
     @cached_property
     def is_unsure(self) -> NDArray[np.bool_]:
@@ -139,46 +142,25 @@ def transform_to_views(
     return BatchTransforms(relative, *place_views(eyes, view_from_world, clip_from_view))
 
 
-def compute_scene_bounds(bounds: Float64, world_from_model: Float64) -> tuple[Float64, Float64]:
-    """
-    Return low and high corner of a box around all objects in each view, (N, 3) each, world space.
-
-    Takes the box of each object, (O, 2, 3), and its transform in each view, (N, O, 4, 4).
-    """
-    corners = _transform_batched_boxes(bounds, world_from_model)
-    corners = corners.reshape(len(corners), -1, 3)
-    return (
-        np.fmin.reduce(corners, axis=1, initial=np.inf),
-        np.fmax.reduce(corners, axis=1, initial=-np.inf),
-    )
-
-
-def _transform_batched_boxes(boxes: Float64, matrices: Float64) -> Float64:
-    """Return the corners, (N, O, 8, 3), of boxes (O, 2, 3) transformed by (N, O, 4, 4)."""
-    shape = matrices.shape[:2]
-    repeated = np.broadcast_to(boxes, (*shape, 2, 3)).reshape(-1, 2, 3)
-    return transform_boxes(repeated, matrices.reshape(-1, 4, 4)[:, :3]).reshape(*shape, 8, 3)
-
-
 def are_boxes_between(
-    low: Float64, high: Float64, view_from_world: Float64, near: Float64, far: Float64
+    ends: Float64, view_from_world: Float64, near: Float64, far: Float64
 ) -> NDArray[np.bool_]:
     """
     Tell of each view, (N,), whether a box surely lies between two planes.
 
     Parameters
     ----------
-    low, high : (N, 3) float64, world space
+    ends : (N, 6) float64
+        Low and high corner, world axes, relative to the eye.
     view_from_world : (N, 4, 4) float64
     near, far : (N,) float64
         Distances along the viewing axis; -inf and inf -> anywhere.
     """
-    rows = -view_from_world[:, 2]
+    rows = -view_from_world[:, 2, :3]
     with np.errstate(all="ignore"):
-        corners = np.stack((rows[:, :3] * low, rows[:, :3] * high))
-        nearest = rows[:, 3] + _row_sums(corners.min(axis=0))
-        farthest = rows[:, 3] + _row_sums(corners.max(axis=0))
-        error = RELATIVE_ERROR * (np.abs(rows[:, 3]) + _row_sums(np.abs(corners).max(axis=0)))
+        corners = np.stack((rows * ends[:, :3], rows * ends[:, 3:]))
+        nearest, farthest = _row_sums(corners.min(axis=0)), _row_sums(corners.max(axis=0))
+        error = RELATIVE_ERROR * _row_sums(np.abs(corners).max(axis=0))
         # NaN counts as unsure.
         return (nearest >= near + error) & (farthest <= far - error)
 
