@@ -258,6 +258,8 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         "Framebuffer.draw_lines.colors": lambda: [[1, 2, 3]],
         "Framebuffer.draw_bezier.points": lambda: [(0, 0), (3, 0), (3, 3), (0, 3)],
         "ClassicPipeline.explain.vertex": lambda: (0.0, 0.0, -2.0),
+        "SectionPlane.box.low": lambda: (-1.0, -1.0, -1.0),
+        "SectionPlane.box.high": lambda: (1.0, 1.0, 1.0),
         "Frame.scale_bar.depth": lambda: 1.0,
         "Mesh.warp.displacements": lambda: np.zeros(len(square)),
         "Framebuffer.save.path": lambda: folder / "b.png",

@@ -554,6 +554,31 @@ def hatching(size: Size) -> Picture:
 
 
 @picture
+def exploded(size: Size) -> Picture:
+    """A bolt, washers, plates and a nut, put together and moved apart along the bolt."""
+    steel, brass, blue = (
+        rj.Material("phong", color, specular=0.3) for color in ("#9aa3ad", "#c9973a", "#4f7fae")
+    )
+    scene = rj.Scene()
+    # Inner and outer radius, lower and upper end.
+    for inner, outer, low, high, material in (
+        (0.32, 0.62, -0.95, -0.6, brass), (0.32, 0.8, -0.6, -0.5, steel),
+        (0.32, 1.3, -0.5, -0.05, blue), (0.32, 1.3, 0.05, 0.5, blue),
+        (0.32, 0.8, 0.5, 0.6, steel), (0.01, 0.62, 0.6, 0.95, brass),
+        (0.01, 0.3, -1.2, 0.6, steel),
+    ):  # fmt: skip
+        rim = [(outer, low), (outer, high), (inner, high), (inner, low)]
+        scene.add(dressed(revolved(rim), material))
+    scene.lights = [rj.AmbientLight(intensity=0.35), sun(0.8)]
+    pictures = []
+    for factor in (1.0, 2.4):
+        camera = rj.PerspectiveCamera(eye=(3.4, 3.0, 8.2), target=(0.0, 0.0, 0.0), fov_y=32.0)
+        apart = rj.explode(scene, factor, axis=(0, 1, 0))
+        pictures.append(shown(apart, camera, part_of(size, 2), quality=SMOOTH))
+    return in_rows(pictures, 2)
+
+
+@picture
 def labels(size: Size) -> Picture:
     """Parts of a teapot by their names; what is behind it is not told."""
     scene = teapot(rj.Material("phong", "#5d8aa8", specular=0.4))

@@ -21,7 +21,7 @@ What is drawn
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `EyeDome`, `Outline`,
     `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene, which a `SectionPlane` cuts
-    open; `cross_section` measures the cut (`CrossSection`).
+    open; `cross_section` measures the cut (`CrossSection`), `explode` moves parts apart.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
     and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
@@ -85,6 +85,7 @@ _HOMES = {
     "distributed.frames": "render_many",
     "hidden_lines.drawing": "LineDrawing line_drawing",
     "inspect.cross_section": "CrossSection cross_section",
+    "inspect.exploded_view": "explode",
     "inspect.pixel": "explain_pixel",
     "inspect.pixel_report": "PixelExplanation",
     "inspect.profile": "FrameProfile profile",

@@ -7,6 +7,7 @@ from rasterjit.classics.pipeline import ClassicPipeline
 from rasterjit.distributed.frames import render_many
 from rasterjit.hidden_lines.drawing import LineDrawing, line_drawing
 from rasterjit.inspect.cross_section import CrossSection, cross_section
+from rasterjit.inspect.exploded_view import explode
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.inspect.profile import FrameProfile, profile
@@ -143,6 +144,7 @@ __all__ = [
     "distributed",
     "explain",
     "explain_pixel",
+    "explode",
     "fit_camera",
     "grid",
     "line_drawing",

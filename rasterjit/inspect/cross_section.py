@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, overload
 
 import numpy as np
 
@@ -12,9 +13,9 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.scene.arrays import Float64, Int64
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene, with_labels
-from rasterjit.scene.section import SectionPlane
+from rasterjit.scene.section import SectionPlane, check_section, planes_in, replace_planes
 from rasterjit.scene.transforms import transform_points
-from rasterjit.scene.validation import instance_of, read_only
+from rasterjit.scene.validation import read_only, short_repr
 from rasterjit.survey.cross_sections import CutNodes, cut_scene
 from rasterjit.survey.deformation import pose_scene
 
@@ -51,22 +52,33 @@ class CrossSection:
         return math.fsum(size for line in lines for size in _lengths(np.diff(line, axis=0)))
 
 
-def cross_section(scene: Any, plane: SectionPlane) -> CrossSection:
+@overload
+def cross_section(scene: Any, plane: SectionPlane) -> CrossSection: ...
+@overload
+def cross_section(scene: Any, plane: Sequence[SectionPlane]) -> tuple[CrossSection, ...]: ...
+def cross_section(
+    scene: Any, plane: SectionPlane | Sequence[SectionPlane]
+) -> CrossSection | tuple[CrossSection, ...]:
     """
     Measure what a plane cuts of a scene, in float64; nothing is drawn.
 
     Planes of the scene's own section count as if there were none, and ``node.section`` as in
-    pictures: what is left whole has no outline.
+    pictures: what is left whole has no outline. Of several planes, such as `SectionPlane.box`
+    returns, each one's cut ends where the others cut, as in pictures.
 
     Parameters
     ----------
     scene : Scene, Mesh or anything else that `rasterjit.render` takes
-    plane : SectionPlane
+    plane : SectionPlane, or several
+
+    Returns
+    -------
+    CrossSection, or a tuple of one for each plane
 
     Raises
     ------
     ValueError
-        If ``plane`` is not a `SectionPlane`, or ``scene`` holds no mesh.
+        If ``plane`` is no `SectionPlane` and no sequence of 1 to 16, or ``scene`` holds no mesh.
 
     Warns
     -----
@@ -81,36 +93,37 @@ def cross_section(scene: Any, plane: SectionPlane) -> CrossSection:
     >>> round(cut.area, 1), round(cut.length, 1), len(cut.outlines[0])
     (3.1, 6.3, 1)
     """
-    instance_of("plane", plane, SectionPlane)
+    planes = planes_in(check_section("plane", plane))
+    if not planes:
+        raise ValueError(f"plane must be a SectionPlane or several, got {short_repr(plane)}")
     whole = with_labels(pose_scene(as_scene(scene, "scene")), [])
     if not whole.nodes:
         raise ValueError("scene must hold at least one mesh, got an empty scene")
-    whole.section = replace(plane, cap=True, lines=True)
+    whole.section = replace_planes(planes, cap=True, lines=True)
     cut = cut_scene(whole)
-    areas = np.zeros(len(whole.nodes))
-    outlines: list[tuple[Float64, ...]] = [()] * len(whole.nodes)
-    if isinstance(cut.nodes, CutNodes):
-        _measure(cut, areas, outlines)
-    return CrossSection(plane, read_only(areas), tuple(outlines))
+    found = [_measure(cut, len(whole.nodes), n, one) for n, one in enumerate(planes)]
+    return found[0] if isinstance(plane, SectionPlane) else tuple(found)
 
 
-def _measure(cut: Scene, areas: Float64, outlines: list[tuple[Float64, ...]]) -> None:
-    """Write the areas and outlines of all objects of a cut scene."""
-    nodes = cut.nodes
+def _measure(cut: Scene, count: int, number: int, plane: SectionPlane) -> CrossSection:
+    """Return what a plane of a cut scene cuts of each of the original's objects."""
+    nodes, areas = cut.nodes, np.zeros(count)
+    outlines: list[tuple[Float64, ...]] = [()] * count
     assert isinstance(nodes, CutNodes)
-    areas[:] = nodes.cut.areas[:, 0]
-    edges, owners = nodes.cut.edges[0].astype(np.int64), nodes.cut.owners.tolist()
+    areas[:] = nodes.cut.areas[:, number]
+    edges, sides = nodes.cut.edges[number].astype(np.int64), nodes.cut.sides[number]
     first_vertex = first_face = 0
-    for number, (node, owner) in enumerate(zip(nodes, owners, strict=False)):
+    for new, (node, owner) in enumerate(zip(nodes, nodes.cut.owners.tolist(), strict=False)):
         points = transform_points(node.world_matrix, node.mesh.vertices)[:, :3]
         is_cap = nodes.cut.face_numbers[first_face] >= nodes.cut.face_starts[-1]
-        if not is_cap and len(nodes.cut.sides[0]):
-            own = edges[nodes.cut.sides[0][:, 1] == number] - first_vertex
+        if not is_cap and len(sides):
+            own = edges[sides[:, 1] == new] - first_vertex
             outlines[owner] = tuple(read_only(points[line]) for line in join_edges(own))
             if len(own) and not areas[owner]:
                 areas[owner] = np.nan
         first_vertex += len(points)
         first_face += len(node.mesh.faces)
+    return CrossSection(plane, read_only(areas), tuple(outlines))
 
 
 def _lengths(vectors: Float64) -> list[float]:

@@ -10,7 +10,7 @@ from rasterjit.scene import validation as check
 from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 from rasterjit.scene.validation import VectorLike
-from rasterjit.scene.vectors import length
+from rasterjit.scene.vectors import unit
 
 MAX_PLANES = 16
 """Most planes of a section."""
@@ -33,7 +33,8 @@ class SectionPlane:
     A plane that cuts a scene open: it removes everything in front of it.
 
     ``scene.section = SectionPlane(point, normal)``, or a list of planes, cuts all meshes, points
-    and lines of a scene; what lies in front of *any* of the planes is cut away. Faces are cut
+    and lines of a scene; what lies in front of *any* of the planes is cut away. `SectionPlane.box`
+    makes those of a clipping box. Faces are cut
     exactly where the plane crosses them. The cut of a closed mesh, whose faces are all wound one
     way, is filled by a cap in a colour of its own; that of any other is not, which is warned of
     once. What lies in the plane itself stays if the solid is behind it.
@@ -122,13 +123,9 @@ class SectionPlane:
     def __post_init__(self) -> None:
         store(self, point=check.triple("point", self.point))
         direction = check.triple("normal", self.normal)
-        largest = max(map(abs, direction))
-        if largest == 0.0:
+        if not any(direction):
             raise ValueError(f"normal must not be zero, got {direction}")
-        # So that squares neither overflow nor vanish.
-        x, y, z = (part / largest for part in direction)
-        size = length((x, y, z))
-        store(self, normal=(x / size, y / size, z / size))
+        store(self, normal=unit(direction))
         for name in ("cap", "lines"):
             store(self, **{name: check.boolean(name, getattr(self, name))})
         is_colored = isinstance(self.cap_color, str) and self.cap_color in CAP_COLORINGS
@@ -137,6 +134,38 @@ class SectionPlane:
         store(self, line_color=rgba("line_color", self.line_color))
         store(self, line_width=check.line_width("line_width", self.line_width))
         self._check_hatch()
+
+    @staticmethod
+    def box(low: VectorLike, high: VectorLike, **fields: Any) -> tuple[SectionPlane, ...]:
+        """
+        Return the six planes that cut away everything outside of a box, a clipping box.
+
+        Parameters
+        ----------
+        low, high : (3,) array_like, scene units
+            Corners of the box, world space.
+        **fields
+            Those of each plane, such as ``cap_color``.
+
+        Returns
+        -------
+        tuple of SectionPlane
+            Those of ``low``, x, y and z, then those of ``high``; for ``scene.section``.
+
+        Raises
+        ------
+        ValueError
+            If a corner is not three finite numbers, or ``low`` is not below ``high`` in each; or
+            as `SectionPlane` says.
+        """
+        ends = check.triple("low", low), check.triple("high", high)
+        if not all(a < b for a, b in zip(*ends, strict=True)):
+            raise ValueError(f"low must be below high in x, y and z, got {ends[0]} and {ends[1]}")
+        return tuple(
+            SectionPlane(end, [sign * (axis == k) for k in range(3)], **fields)
+            for end, sign in zip(ends, (-1.0, 1.0), strict=True)
+            for axis in range(3)
+        )
 
     def _check_hatch(self) -> None:
         """Check the fields of the hatching."""

@@ -22,6 +22,15 @@ def length(a: Sequence[float]) -> float:
     return math.sqrt(dot(a, a))
 
 
+def unit(a: Sequence[float]) -> tuple[float, float, float]:
+    """Return a vector that is not 0 at length 1, however large or small it is."""
+    largest = max(map(abs, a))
+    # So that squares neither overflow nor vanish.
+    x, y, z = (part / largest for part in a)
+    size = length((x, y, z))
+    return (x / size, y / size, z / size)
+
+
 def rotation_rows(axis: tuple[float, float, float], sine: Any, cosine: Any) -> list[list[Any]]:
     """Return the rows of rotations about a unit axis, given floats or arrays of sines, cosines."""
     x, y, z = axis

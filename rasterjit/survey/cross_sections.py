@@ -771,11 +771,15 @@ class _Cutter:
         renumbered: Any = np.zeros(0, np.int32)
         node, recipe, edges = None, None, [np.zeros((0, 2), np.int32)] * len(self.planes)
         sides: list[NDArray[np.int32]] = []
+        lines = [
+            self._find_outline(number) if plane.lines else np.zeros((0, 2), np.int64)
+            for number, plane in enumerate(self.planes)
+        ]
+        ends = np.concatenate(lines)
+        if len(ends) and not len(faces):
+            # Caps alone are left: a face without area holds the lines.
+            faces, numbers = np.full((1, 3), ends[0, 0]), np.zeros(1, np.int64)
         if len(faces):
-            lines = [
-                self._find_outline(number) if plane.lines else np.zeros((0, 2), np.int64)
-                for number, plane in enumerate(self.planes)
-            ]
             # Where caps meet, lines may end at vertices of no face.
             used, renumbered = self._renumber([faces, *lines])
             recipe = VertexRecipe(tuple(self.steps), used)

@@ -63,5 +63,5 @@ def test_what_is_no_plane_or_empty_is_named():
         with pytest.raises(ValueError, match="scene must hold at least one mesh, got an empty"):
             rj.cross_section(empty, plane)
         empty.add(rj.Label((0, 0, 0), "alone"))
-    with pytest.raises(ValueError, match=r"plane must be a SectionPlane, got tuple"):
+    with pytest.raises(ValueError, match=r"plane\[0\] must be a SectionPlane, got 0"):
         rj.cross_section(trimesh.creation.box(), (0, 0, 1))
