@@ -1,4 +1,4 @@
-"""Fit cameras to scenes, and compute poses of cameras that users move."""
+"""Fit cameras to scenes, and compute the poses of cameras that a user moves."""
 
 from __future__ import annotations
 
@@ -39,39 +39,39 @@ PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
 
 DEFAULT_DIRECTION: Vector = (-0.4, 0.6, 1.0)
 """
-Direction from the scene towards a fitted camera, for y up: from the left, and from above.
+Direction from the scene towards a fitted camera, for y up: to the left and above of the front.
 
-High enough to see into open boxes. Handles, spouts and flanks stand clear of the rest.
+Open boxes show their inside; handles and spouts at the sides are not hidden.
 """
 
 DEFAULT_FOV_Y = 28.0
-"""Vertical field of view of a fitted camera, degrees: a long lens, which distorts little."""
+"""Vertical field of view of a fitted camera, degrees: narrow, so perspective distorts little."""
 
 MIN_DISTANCE_RATIO = 2.0**-30
-"""Least distance of eye and target over the largest coordinate: float64 tells them apart."""
+"""Least distance of eye and target over their largest coordinate: float64 tells them apart."""
 
 MIN_NEAR_RATIO = 1e-4
-"""Least near plane, in radii of the scene or in distances from its centre, the larger."""
+"""Least distance of the near plane over the larger of the scene's radius and its distance."""
 
 PLANE_MARGIN = 0.01
 """
-Share of its distance by which a near plane is nearer than the scene, and a far plane farther.
+By what fraction of its distance a near plane is nearer than the scene, and a far plane farther.
 
-Well above the rounding of vertices, and less than a bit of depth precision.
+Well above the rounding of vertices; it costs less than a bit of depth precision.
 """
 
 _PARALLEL_DISTANCE = 2.0
 """Distance of a fitted parallel camera, in radii; its picture does not depend on it."""
 
 _MIN_EXTENT = 2.0**-6
-"""Least half extent that a parallel camera shows, in radii: of what is seen as a point."""
+"""Least half extent that a parallel camera shows, in radii: lines seen from an end have none."""
 
 _MIN_SPHERE_NEAR = 1e-6
-"""Least near plane of a camera that fits a sphere, as a share of its distance: reached only when a
-field of view close to 180 degrees puts the eye on the sphere."""
+"""Least near plane of a camera that fits a sphere, over the distance of the centre: reached only if
+a field of view close to 180 degrees puts the eye on the sphere."""
 
 _MIN_RADIUS = 2.0**-40
-"""Least radius framed, as a share of the centre's largest coordinate: float64 then still places
+"""Least radius that is fitted, over the largest coordinate of the centre: float64 then still places
 the eye to one part in 4000 of its distance."""
 
 
@@ -81,7 +81,7 @@ class BoundingSphere(NamedTuple):
     center: Vector
     radius: float
     scene: Bounded | None = None
-    """The scene inside, if known: cameras fit its points."""
+    """The scene, if known: cameras are fitted to its points, not to the sphere."""
 
     @classmethod
     def around(cls, scene: Bounded) -> BoundingSphere:
@@ -98,7 +98,7 @@ class BoundingSphere(NamedTuple):
 
 
 def rotate_y_to(up: ArrayLike) -> Matrix:
-    """Return the shortest rotation, (4, 4), that takes y to ``up``; z up makes -y the front."""
+    """Return the smallest rotation, (4, 4), from y to ``up``; that to z makes -y the front."""
     x, y, z = transforms.unit_triple("up", up)
     # The axis is the cross product of y and up; its length is the sine.
     sine = math.sqrt(x * x + z * z)
@@ -119,7 +119,7 @@ def default_camera(
     size : (width, height)
         Of the picture, pixels.
     up : (3,) array_like, optional, world space
-        Goes before the scene's.
+        Replaces the scene's.
     steady : bool
         As in `fit_camera`: for a scene that moves.
 
@@ -132,9 +132,9 @@ def default_camera(
     aspect = size[0] / size[1]
     if up_vector is None:
         return cast(PerspectiveCamera, fit_camera(scene, aspect=aspect, steady=steady))
-    frame = rotate_y_to(up_vector)
-    direction = transforms.apply(frame, DEFAULT_DIRECTION)
-    upward = transforms.apply(frame, (0.0, 1.0, 0.0))
+    rotation = rotate_y_to(up_vector)
+    direction = transforms.apply(rotation, DEFAULT_DIRECTION)
+    upward = transforms.apply(rotation, (0.0, 1.0, 0.0))
     fitted = fit_camera(scene, direction, up=upward, aspect=aspect, steady=steady)
     return cast(PerspectiveCamera, fitted)
 
@@ -151,7 +151,7 @@ class CameraPose(NamedTuple):
 
     @classmethod
     def of(cls, camera: Camera, size: tuple[int, int] = (1, 1)) -> CameraPose:
-        """Return the pose of a camera, for an image of (width, height) pixels or its own size."""
+        """Return the pose of a camera, for an image of (width, height) or the camera's own size."""
         view = camera.view_matrix()
         camera_size = camera.size if isinstance(camera, MatrixCamera) else None
         projection = camera.projection_matrix(camera_size or size)
@@ -160,38 +160,39 @@ class CameraPose(NamedTuple):
         upward = to_triple(transforms.unit_vector("view", view[1, :3]))
         focal = abs(float(projection[1, 1]))
         if not projection[3, :3].any():
+            # Parallel: any field of view will do.
             return cls(eye, forward, upward, 45.0, 2.0 / focal)
         return cls(eye, forward, upward, 2.0 * transforms.arc_tangent(1.0, focal), None)
 
     def azimuth_and_elevation(self, up: Vector) -> tuple[float, float]:
         """Return azimuth and elevation, degrees, of the direction from the target to the eye."""
-        frame = rotate_y_to(up)[:3, :3].T
-        x, y, z = (-dot(to_triple(row), self.forward) for row in frame)
+        columns = rotate_y_to(up)[:3, :3].T
+        x, y, z = (-dot(to_triple(column), self.forward) for column in columns)
         horizontal = math.sqrt(x * x + z * z)
         elevation = transforms.arc_tangent(y, horizontal)
         if horizontal < MIN_DISTANCE_RATIO:
-            # At a pole, the azimuth follows from the upward direction.
+            # Straight from above or below, only the upward direction has an azimuth.
             sign = -math.copysign(1.0, y)
-            x, _, z = (sign * dot(to_triple(row), self.upward) for row in frame)
+            x, _, z = (sign * dot(to_triple(column), self.upward) for column in columns)
         return transforms.arc_tangent(x, z), elevation
 
 
 def make_camera_at(
     eye: Vector, target: Vector, upward: Vector, fov_y: float, sphere: BoundingSphere
 ) -> PerspectiveCamera:
-    """Return a perspective camera with a near plane before a sphere, or near the eye."""
+    """Return a perspective camera with a near plane before a sphere, or near an eye in it."""
     distance = length(subtract(sphere.center, eye))
     near = choose_near_plane(distance, sphere.radius)
     return PerspectiveCamera(eye, target, upward, fov_y, near)
 
 
 def choose_near_plane(distance: float, radius: float) -> float:
-    """Return a near plane before a sphere, given the distance of its centre, or near the eye."""
+    """Return a near plane before a sphere, given its centre's distance, or near an eye in it."""
     return max((distance - radius) * (1.0 - PLANE_MARGIN), MIN_NEAR_RATIO * max(distance, radius))
 
 
 def pixel_size(depth: float, fov_y: float, size: tuple[int, int]) -> float:
-    """Return the side of a pixel at a depth, scene units."""
+    """Return the side of a pixel at a depth, both in scene units."""
     return 2.0 * depth / transforms.focal_length(fov_y) / size[1]
 
 
@@ -230,7 +231,7 @@ def orbit_direction(
     elevation : float, degrees
         0 is level; positive is above.
     up : (3,) array_like, world space, optional
-        Default: y. For another, all turns with it by the smallest angle.
+        Default: y. For another, the direction is rotated by the smallest rotation from y to it.
 
     Raises
     ------
@@ -259,13 +260,13 @@ def fit_camera(
     steady: bool = False,
 ) -> PerspectiveCamera | OrthographicCamera:
     """
-    Return the camera that shows a scene as large as it fits into the picture, in its middle.
+    Return a camera that shows the whole scene, as large as possible and centred in the picture.
 
     Parameters
     ----------
     scene : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
-        Or another object with ``bounding_sphere() -> (centre (3,), radius)``, whose sphere is then
-        what is shown.
+        Or another object with ``bounding_sphere() -> (centre (3,), radius)``: the camera shows that
+        sphere.
     direction : (3,) array_like, world space
         From the scene towards the camera, any length; see :func:`orbit_direction`.
     fov_y : float, degrees
@@ -274,26 +275,26 @@ def fit_camera(
         If it is parallel to ``direction``, the camera takes world -z as up when it looks against
         ``up`` and +z when it looks along it (or +y, where z is parallel as well).
     margin : float
-        The picture is this many times larger than the scene in it, at least 1: by default the
-        scene touches 1 / 1.06 of the way from the middle to the border, either left and right or
-        above and below, whichever is tighter.
+        How many times larger the picture is than the scene in it, at least 1. By default the scene
+        reaches 1 / 1.06 of the way from the middle to the border, left and right or above and
+        below, whichever is tighter.
     zoom : float
-        How many times bigger the scene appears: narrows the field of view (or the height) and
-        leaves the camera where it is.
+        How many times larger the scene appears: narrows the field of view (or the height), and does
+        not move the camera.
     projection : {"perspective", "orthographic"}
     aspect : float
-        Width over height of the image it is for. In a narrower one it shows more above and below
-        (``min_aspect``) where the scene would be cut off at the sides.
+        Width over height of the image. In a narrower image the camera shows more above and below
+        (``min_aspect``) if the scene would be cut off at the sides.
     steady : bool
-        Whether cameras from all directions are equally far from the middle of the scene's bounding
-        box, so that it keeps its size where they go around it. They then fit the bounding sphere,
-        with ``margin`` around that, and most scenes are smaller in the picture.
+        Whether cameras from all directions are equally far from the centre of the scene's bounding
+        box, so that its size does not change as they go around it. They fit the bounding sphere,
+        with ``margin`` around that; most scenes are smaller in the picture.
 
     Returns
     -------
     PerspectiveCamera or OrthographicCamera
-        At zoom 1 the whole scene is in an image of any size, and at any zoom between the near and
-        far plane.
+        At zoom 1 an image of any size shows the whole scene; at any zoom, the scene lies between
+        the near and the far plane.
 
     Raises
     ------
@@ -304,11 +305,11 @@ def fit_camera(
 
     Notes
     -----
-    Fitted are all finite vertices that belong to a face, and balls of the sizes of points and lines
-    that are measured in scene units. A single point is framed as a sphere of radius 1, and a scene
-    too small for float64 beside its centre's coordinates as the smallest sphere that is not. The
-    eye keeps 1/64 of the scene's radius from what is nearest to it, which matters where that is the
-    tip of a cone or the end of a line; a parallel camera shows at least 1/32 of it.
+    The camera fits all finite vertices that belong to a face, and points and lines with their sizes
+    if these are in scene units. A single point is fitted as a sphere of radius 1, and a scene that
+    is too small for float64 beside its centre's coordinates as the smallest sphere that is not. The
+    eye is at least 1/64 of the scene's radius from the nearest point, which matters if that is the
+    tip of a cone or the end of a line; a parallel camera shows at least 1/32 of the radius.
     """
     # Arguments.
     check.one_of("projection", projection, PROJECTIONS)
@@ -335,9 +336,9 @@ def fit_camera(
     # Its eye and target in world space.
     right, up_axis, backward = axes
     with np.errstate(over="ignore", invalid="ignore"):
-        center_xy = center + radius * (fitted.x * right + fitted.y * up_axis)
-        eye = to_triple(center_xy + radius * fitted.z * backward)
-        target = to_triple(center_xy + radius * fitted.target * backward)
+        on_axis = center + radius * (fitted.x * right + fitted.y * up_axis)
+        eye = to_triple(on_axis + radius * fitted.z * backward)
+        target = to_triple(on_axis + radius * fitted.target_z * backward)
     # The camera.
     extent: dict[str, float]
     if is_parallel:
@@ -369,18 +370,19 @@ class _FitOptions(NamedTuple):
 
 
 class _FittedView(NamedTuple):
-    """Pose and frustum of a fitted camera in its axes, in radii from the scene's centre."""
+    """Pose and frustum of a fitted camera, in its axes, from the scene's centre, in radii."""
 
     x: float
     y: float
     z: float
-    target: float
-    """The z of the target."""
+    """Of the eye."""
+    target_z: float
     height: float
-    """Visible height of a parallel camera."""
+    """Visible height of a parallel camera; NaN for a perspective."""
     near: float
     far: float
     min_aspect: float
+    """Width over height below which the camera shows more above and below."""
 
 
 def _fit_sphere(options: _FitOptions) -> _FittedView:
@@ -389,7 +391,7 @@ def _fit_sphere(options: _FitOptions) -> _FittedView:
     if options.is_parallel:
         distance, height = _PARALLEL_DISTANCE * options.margin, 2.0 * options.margin / min_aspect
     else:
-        # One over the sine of half the angle across the narrower side.
+        # The distance is one over the sine of half the angle across the narrower side.
         cotangent = options.focal / min_aspect
         distance = options.margin * math.sqrt(1.0 + cotangent * cotangent)
     near = max(distance - 1.0, distance * _MIN_SPHERE_NEAR)
@@ -402,29 +404,29 @@ def _fit_points(options: _FitOptions, points: ScenePoints) -> _FittedView:
         distance = _PARALLEL_DISTANCE * options.margin
         x, y = point_bounds.fit_parallel(points)
         half_height = options.margin * max(x.slope / options.aspect, y.slope, _MIN_EXTENT)
-        full_aspect = options.margin * x.slope / half_height
+        scene_aspect = options.margin * x.slope / half_height
     else:
         focal, half_height = options.margin * options.focal, math.nan
         distance, (x, y) = point_bounds.fit_perspective(points, focal / options.aspect, focal)
-        full_aspect = focal * x.slope
-    # The planes leave room for rotation, unless the eye is near the sphere, or in it.
+        scene_aspect = focal * x.slope
+    # The planes enclose the sphere, so that the scene may be rotated, if the eye is outside it.
     near = max(distance - 1.0, 0.5 * (distance - points.nearest))
-    target = 0.5 * (points.nearest + points.farthest)
-    min_aspect = min(full_aspect, options.aspect, float(check.MAX_TILED_SIZE))
+    target_z = 0.5 * (points.nearest + points.farthest)
+    min_aspect = min(scene_aspect, options.aspect, float(check.MAX_TILED_SIZE))
     return _FittedView(
-        x.offset, y.offset, distance, target, 2.0 * half_height, near, distance + 1.0, min_aspect
+        x.offset, y.offset, distance, target_z, 2.0 * half_height, near, distance + 1.0, min_aspect
     )
 
 
 def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
     """
-    Return a camera at the same place that shows everything bigger.
+    Return a camera in the same pose that shows everything larger.
 
     Parameters
     ----------
     camera : PerspectiveCamera, OrthographicCamera or MatrixCamera
     zoom : float
-        How many times bigger: narrows the field of view or the height.
+        How many times larger: narrows the field of view or the height.
 
     Raises
     ------
@@ -442,7 +444,7 @@ def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
 
 
 def _replace_parallel_up(up: ArrayLike, to_camera: Vector) -> Vector:
-    """Return ``up``, or a replacement if it is parallel to the direction of the camera."""
+    """Return ``up``, or a replacement if it is parallel to the direction to the camera."""
     upward = transforms.unit_triple("up", up)
     if not transforms.are_parallel(upward, to_camera):
         return check.triple("up", up)
@@ -453,12 +455,12 @@ def _replace_parallel_up(up: ArrayLike, to_camera: Vector) -> Vector:
 
 def as_bounded(scene: Any) -> Bounded:
     """
-    Return the input if it has ``bounding_sphere()``, or convert it to a scene.
+    Return the input if it has ``bounding_sphere()``, else convert it to a scene.
 
     Raises
     ------
     ValueError
-        If it is none of these, or a trimesh object without faces.
+        If it cannot be converted, such as a trimesh object without faces.
     """
     # trimesh's objects have a property of this name, which is a mesh and needs SciPy.
     member = inspect.getattr_static(scene, "bounding_sphere", None)
@@ -468,7 +470,7 @@ def as_bounded(scene: Any) -> Bounded:
 
 
 def _point_chunks(scene: Bounded) -> Chunks | None:
-    """Return the points of a scene; None of an object that has only a bounding sphere."""
+    """Return the points of a scene, world space; None if only a bounding sphere is known."""
     target = scene.scene if isinstance(scene, BoundingSphere) else scene
     chunks = getattr(target, "_world_chunks", None)
     return None if chunks is None else point_bounds.cache_points(chunks)
@@ -476,14 +478,14 @@ def _point_chunks(scene: Bounded) -> Chunks | None:
 
 def _find_framed_sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool]:
     """
-    Return the centre and radius of a scene, or of its points if given, and whether it is tiny.
+    Return centre and radius of a scene, or of its points if given, and whether it is tiny.
 
-    The radius of a tiny scene is the least that float64 can frame.
+    The radius of a tiny scene is replaced by the least that float64 can fit a camera to.
     """
     center, size = (
         scene.bounding_sphere() if chunks is None else point_bounds.bound_points_by_sphere(chunks)
     )
-    # Adding zero turns -0 into 0: which of the two a minimum gives depends on the CPU.
+    # Adding zero turns -0 into 0: which of them a minimum returns depends on the CPU.
     center = check.vector("scene's center", center) + 0.0
     radius = check.finite_number("scene's radius", size)
     if radius < 0.0:
@@ -494,11 +496,11 @@ def _find_framed_sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64,
 
 
 def _zoom_fov(fov_y: float, zoom: float) -> float:
-    """Return the field of view, degrees, whose picture is ``zoom`` times bigger."""
+    """Return the field of view, degrees, in which everything is ``zoom`` times larger."""
     if zoom == 1.0:
         return float(fov_y)
-    magnified = transforms.focal_length(fov_y) * zoom
-    zoomed = 2.0 * transforms.arc_tangent(1.0, magnified) if magnified < math.inf else 0.0
+    focal = transforms.focal_length(fov_y) * zoom
+    zoomed = 2.0 * transforms.arc_tangent(1.0, focal) if focal < math.inf else 0.0
     if not 0.0 < zoomed < 180.0:
         raise ValueError(f"zoom must leave a field of view within 0..180 degrees, got {zoom!r}")
     return zoomed
