@@ -430,7 +430,7 @@ def test_plan_tells_of_pictures(cube, camera):
     assert plan.pictures == 64
     assert plan.layers is None
     assert effects(plan)["anti-aliasing"] == (
-        True, "64 pictures, moved by parts of a pixel, each shaded by itself",
+        True, "64 pictures, moved by fractions of a pixel, each shaded by itself",
     )  # fmt: skip
     assert "64 of 64" in str(plan)
     assert rj.explain(cube, camera).pictures == 1
