@@ -1,4 +1,4 @@
-"""Ambient occlusion: dim ambient light in corners."""
+"""Ambient occlusion: dim ambient light in corners, in screen space."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.validation import bounded_number, positive_number
 
 DEFAULT_RADIUS_RATIO = 0.15
-"""Default radius, as a share of the radius of a sphere around the scene."""
+"""Default radius, over the radius of the scene's bounding sphere."""
 
 
 @suggests_replace
@@ -17,19 +17,19 @@ class AmbientOcclusion:
     """
     Dim ambient light where near surfaces occlude it.
 
-    It is found on the screen, from the depth and the faces that are seen: what the camera does not
-    see occludes nothing. It dims ambient light and the light of an environment, no other; a scene
-    without either is not changed by it, nor are objects that are lit at their vertices (Gouraud).
-    A pixel has one share, that of the nearest surface at its centre, transparent or not: whatever
-    else it shows gets the same.
+    It is computed in screen space, from the depth and the faces that are seen: what the camera does
+    not see occludes nothing. It dims ambient light and the light of an environment alone; scenes
+    without them, and objects that are lit at their vertices (Gouraud), do not change. A pixel has
+    one value, that of the nearest surface at its centre, transparent or not; all surfaces that the
+    pixel shows are dimmed by it.
 
     Parameters
     ----------
     radius : float, scene units, optional
-        How far away something still occludes. Default: 0.15 times the radius of a sphere around
-        the scene.
+        Largest distance of an occluding surface. Default: 0.15 times the radius of the scene's
+        bounding sphere.
     strength : float
-        From 0, which changes nothing, to 1.
+        How much occluded light is dimmed: 0..1, where 0 changes nothing.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Accuracy settings of rendering, and presets of them."""
+"""Settings of accuracy, and presets of them."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ LEVELS: dict[str, tuple[Any, ...]] = {
     "lines": get_args(Lines),
     "interpolation_precision": get_args(InterpolationPrecision),
 }
-"""The settings of `Quality`, each with its levels, from the least accurate one on."""
+"""The settings of `Quality`, each with its levels, from the least accurate to the most."""
 
 SUPERSAMPLED = (64, 256)
 """Numbers of samples that are drawn as several whole pictures and averaged."""
 
-MIN_SHADOW, MAX_SHADOW = 16, 8192
-"""Side of a shadow map, texels."""
+MIN_SHADOW_SIZE, MAX_SHADOW_SIZE = 16, 8192
+"""Range of the side of a shadow map, texels."""
 
 
 @suggests_replace
@@ -61,45 +61,48 @@ class Quality:
     Parameters
     ----------
     subpixel_bits : {0, 4, 8, 12}
-        Vertices are rounded to ``2**-subpixel_bits`` pixel. 8 is what Direct3D requires and what
-        Mesa's rasterizer uses; 0 rounds to whole pixels, as in the classic exercise.
+        Vertices are rounded to multiples of ``2**-subpixel_bits`` pixels. Direct3D requires 8, and
+        Mesa's rasterizer uses it; 0 rounds to whole pixels, as textbook rasterizers do.
     samples : {1, 2, 4, 8, 16, "area", 64, 256}
-        What smooths edges: the nearest faces at so many places of each pixel, those that Direct3D
-        and Vulkan fix, or ``"area"``, the exact limit of ever more of them: the areas that faces
-        show of it. Each face is shaded once in a pixel, at its centre, or on the face where the
-        centre lies beside it. With 64 and 256 every sample is shaded by itself: whole pictures
-        are drawn, moved by parts of a pixel, and averaged; textures are filtered for the distance
-        of samples, not of pixels. Colour is mixed in linear light, before
-        tone mapping; all other outputs come from the pixel centre. ``"area"`` is not for scenes
-        that show blended materials (``alpha_mode`` "blend" with an alpha below 1): rendering them
-        raises ``ValueError``, naming an object that has one. Edges of the holes of an alpha mask
-        are smoothed as all others with 2 to 16 samples, each of which has its own alpha; with
-        ``"area"`` a face has one alpha in a pixel, at its centre, so they stay hard.
+        Samples of each pixel, which smooth edges.
+
+        With 2 to 16, the nearest face is found at that many positions of the pixel, those of
+        Direct3D and Vulkan. ``"area"`` is their exact limit: each face counts by the area of the
+        pixel that it covers. Each face is shaded once in a pixel, at its centre, or, if the face
+        does not cover that, at a point on the face. With 64 and 256, each sample is shaded: whole
+        pictures are drawn, moved by fractions of a pixel, and averaged; textures are filtered for
+        the spacing of samples.
+
+        Colours are averaged in linear light, before tone mapping; other outputs are those of the
+        pixel's centre. With ``"area"``, scenes that show blended materials (``alpha_mode`` "blend"
+        with an alpha below 1) raise ``ValueError``, naming an object that has one. The edges of
+        holes of an alpha mask are smoothed with 2 to 16 samples, each with its own alpha; with
+        ``"area"`` they stay hard, as a face has one alpha in a pixel, that at its centre.
     interpolation : {"affine", "perspective"}
-        What lies between the vertices of a face: linear on the screen, as consoles without a
-        divider drew it, or linear on the face. Faces that cross the near or far plane, or reach
-        far beside the image, are interpolated on the face always. Depth and shadow maps are not
-        touched by it.
+        How values of vertices are interpolated over a face: linearly on the screen, as early
+        consoles did, or linearly on the face. Faces that cross the near or far plane, or extend far
+        beyond the image, are always interpolated on the face. Depth and shadow maps do not depend
+        on it.
     depth_format : {"unorm16", "unorm24", "float32", "float32-reversed", "float64"}
-        What the depths of faces are rounded to before they are compared: 16 or 24 bits, or a
-        float, of the depth from 0 at the near plane to 1 at the far one; a float of the reversed
-        depth, which falls with distance and so keeps its digits; or such a float64. What comes out
-        equal shows the face with the lower number. The depth output has the steps of the format;
-        shadows, ambient occlusion, eye-dome lighting, outlines and hidden lines take the depth of
-        the face that was found. Shadow maps are float32 always, and the areas of
-        ``samples="area"`` are those of depths that were not rounded.
+        What the depths of faces are rounded to before they are compared. ``"unorm16"``,
+        ``"unorm24"`` and ``"float32"``: the depth from 0 at the near plane to 1 at the far one, in
+        16 bits, 24 bits or a float. ``"float32-reversed"`` and ``"float64"``: the reversed depth,
+        which falls with distance and is more precise far away. Where depths are equal, the face
+        with the lower number is seen. The depth output is rounded in the same way. Shadows, ambient
+        occlusion, eye-dome lighting, outlines, hidden lines and the areas of ``samples="area"`` use
+        depths that are not rounded to the format; shadow maps are always float32.
     precision : {"float32", "float64"}
-        Arithmetic that takes vertices from model space to the screen, by way of the eye; the
-        matrices are found in float64. In float32 the vertices take half the memory, and those
-        beyond 1e18 in clip space are left out. Shadow maps keep float64, and points that are no
-        triangles are taken there in float64 from positions rounded to float32.
+        Arithmetic that transforms vertices from model space to the screen, relative to the eye; the
+        matrices are computed in float64. In float32 the vertices take half the memory, and those
+        beyond 1e18 in clip space are left out. Shadow maps always use float64; points and lines are
+        transformed in float64, from positions rounded to float32.
     shading : {"face", "vertex", "pixel"}
-        The finest unit that is lit by itself: materials that ask for more are shaded like
-        ``"flat"`` or ``"gouraud"`` ones. Metallic-roughness is lit by the pixel always.
+        The finest unit that is lit: materials that ask for a finer one are shaded like ``"flat"``
+        or ``"gouraud"`` ones. Metallic-roughness materials are always lit at each pixel.
     renormalize : bool
-        Whether interpolated normals are scaled to length one at every pixel. If not, they are too
-        short between vertices that differ, and lit less. Under normal maps, and where an object
-        in view is scaled unevenly, they are scaled all the same.
+        Whether interpolated normals are scaled to length one at each pixel. If not, they are too
+        short between vertices with different normals, which makes surfaces darker there. Normal
+        maps, and an object in view with a non-uniform scale, always scale them.
     texture_filter : str, optional
         ``"nearest"``, ``"bilinear"``, ``"trilinear"``, ``"anisotropic2"`` .. ``"anisotropic16"``,
         for all textures. Default: what each texture says.
@@ -108,36 +111,34 @@ class Quality:
     shadow_taps : {1, 9}, optional
         Comparisons with a shadow map: one, or 3 x 3 filtered ones. Default: what each light says.
     transparency_layers : {1, 2, 4, 8, "all"}
-        How many of the nearest transparent surfaces are seen at a sample, by depth: those behind
-        them are not shaded, and what is opaque is seen through them. With ``"all"`` more than 4096
-        behind each other are an error.
+        How many of the nearest transparent surfaces are seen at a sample. Transparent surfaces
+        behind them are left out; the opaque one is seen through them. With ``"all"``, more than
+        4096 behind each other are an error.
     blending : {"srgb8", "linear"}
-        What transparent surfaces, samples and smooth lines are mixed in: 8-bit sRGB
-        codes, as old programs do it, or light. With codes every colour is tone mapped and rounded
-        to 8 bits by itself, alpha as well, and so is what comes of laying one over another; the
-        output ``"linear"`` is then what the codes stand for. Where a frame mixes nothing it has
-        the same bits either way.
+        What transparent surfaces, samples and smooth lines are blended in: 8-bit sRGB codes, as old
+        programs do, or linear light. With codes, each colour is tone mapped and rounded to 8 bits,
+        alpha too, and so is the result of each blend; the output ``"linear"`` is then the light
+        that the codes stand for. A frame that blends nothing has the same bits with both.
     texture_mixing : {"srgb8", "linear"}
-        What textures are mixed in on unlit objects that are opaque all over, without holes, and
-        have no colours of vertices, faces or scalars: 8-bit sRGB codes, as old programs do it, or
-        light. With codes texture coordinates are float32, texels are mixed with weights of 8 bits,
-        and the base colour multiplies codes; light above 1 is cut off. Textures with mip levels,
-        and all other objects, take light always.
+        What texels are filtered in on unlit objects that are opaque, without holes, and have no
+        colours of vertices, faces or scalars: 8-bit sRGB codes, as old programs do, or linear
+        light. With codes, texture coordinates are float32, texels are weighted in 8 bits, the base
+        colour multiplies codes, and light above 1 is clipped. Textures with mip levels, and all
+        other objects, are always filtered in linear light.
     lines : {"bresenham", "coverage"}
         Edges of a wireframe, outlines and section lines: whole pixels, those of a wireframe one
         after the other between the pixels that hold the vertices; or smooth, by the area of each
         pixel that a line covers, at any number of samples.
     interpolation_precision : {"adaptive", "float64"}
-        Arithmetic that finds colours between those of vertices. ``"adaptive"`` takes float32 in
-        scenes of unlit objects alone, with no texture and none blended, in view or not, with 1, 64
-        or 256 ``samples``: it moves each colour by at most a millionth of itself. All else takes
-        float64 always.
-
+        Arithmetic that interpolates colours of vertices. ``"adaptive"`` uses float32 in scenes
+        whose objects, in view or not, are all unlit, without textures and not blended, with 1, 64
+        or 256 ``samples``: it changes each colour by at most a millionth of itself. All else always
+        uses float64.
     visible_alpha : float
-        Where the alpha of a blended surface is below this, 0..1, the surface is not hit: depth,
-        ids, normals, coverage and all outputs but the colours show what lies behind it. Default 0:
-        the nearest surface counts, however clear. Colours stay what they are. Alpha is that of
-        material, colours and texture; that of a colour map of scalars does not count.
+        Where the alpha of a blended surface is below this, 0..1, depth, ids, normals, coverage and
+        all other outputs but the colours show what is behind it. Default 0: the nearest surface
+        counts, however transparent. Colours do not depend on it. Alpha is that of material, colours
+        and texture; that of a colour map of scalars does not count.
 
     Raises
     ------
@@ -211,10 +212,10 @@ class Quality:
 
 
 PRESETS = {name: getattr(Quality, name) for name in ("draft", "standard", "high", "reference")}
-"""The named qualities, from the fastest on."""
+"""The presets, from the fastest to the most accurate."""
 
 _OPTIONAL = ("texture_filter", "shadow_size", "shadow_taps")
-"""Settings that may be None, which leaves them to the scene."""
+"""Settings that may be None: then each texture or light has its own."""
 
 
 def _check_level(name: str, value: Any) -> Any:
@@ -222,16 +223,15 @@ def _check_level(name: str, value: Any) -> Any:
     if value is None and name in _OPTIONAL:
         return None
     if name == "shadow_size":
-        size = check.bounded_number(name, value, MIN_SHADOW, MAX_SHADOW)
+        size = check.bounded_number(name, value, MIN_SHADOW_SIZE, MAX_SHADOW_SIZE)
         if size != int(size) or isinstance(value, bool):
             raise ValueError(f"{name} must be a whole number of texels, got {value!r}")
         return int(size)
-    levels = LEVELS[name]
     if name == "renormalize":
         return check.boolean(name, value)
-    level = check.one_of(name, value, levels)
-    # One of the levels itself: 8.0 and numpy's 8 are 8.
-    return levels[levels.index(level)]
+    # Return the level itself: NumPy's 8 is equal to it.
+    levels = LEVELS[name]
+    return levels[levels.index(check.one_of(name, value, levels))]
 
 
 def parse_setting(text: str) -> dict[str, Any]:
@@ -241,7 +241,7 @@ def parse_setting(text: str) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        Naming the setting or the level that is unknown, and listing those that are possible.
+        If the setting or the level is unknown; the message lists those that are possible.
     """
     name, separator, value = text.partition("=")
     if name == "visible_alpha":
