@@ -7,66 +7,66 @@ Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip
 >>> frame = rj.render(scene, camera, size=(640, 480), outputs=("color", "depth", "face_id"))
 >>> frame.save("teapot.png")
 
-The names, by what they are for; ``help(rj.render)`` and so on tell the rest.
+The names, by purpose; ``help(rj.render)`` and so on document each.
 
-What is drawn
-    `load` reads any mesh file; `Mesh`, `Points`, `Lines`, `Node` and `Scene` hold what it had, or
-    what you make; nodes move with those that they hang below, and may carry a `Label`. `Arrow` and
-    `Arrows` are meshes of vectors. `Scene.save` writes glTF, and a `SaveWarning` names what that
-    has no word for. A `Skin` lets a mesh follow nodes, `MorphTargets` bend it by weights; an
-    `Animation` of `Channel` moves nodes, and ``scene.at(time)`` is the scene at a time of it; a
-    `Joint` of ``scene.joints`` (`Joints`) turns or shifts a robot's link.
-    `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are `Lines` that are made for you.
-    `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
+Scenes
+    `load` reads any mesh file; a `Scene` has `Node` objects that place a `Mesh`, `Points` or
+    `Lines`, from a file or made by you. Nodes move with their parents, and may have a `Label`.
+    `Arrow` and `Arrows` are meshes of vectors. `Scene.save` writes glTF; a `SaveWarning` names what
+    glTF cannot hold. A `Skin` deforms a mesh with nodes, `MorphTargets` by weights. An `Animation`
+    of `Channel` moves nodes, and ``scene.at(time)`` is the scene at a time of it. A `Joint` of
+    ``scene.joints`` (`Joints`) rotates or shifts a robot's link.
+    `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are ready-made `Lines`.
+    `Material` and `Texture` define how surfaces look, `Colormap` and `Contours` how scalars do.
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `EyeDome`, `Outline`,
-    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene, which a `SectionPlane` cuts
-    open; `cross_section` measures the cut (`CrossSection`), `explode` moves parts apart.
-From where
+    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene. A `SectionPlane` cuts it
+    open, `cross_section` measures the cut (`CrossSection`), `explode` moves parts apart.
+Cameras
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
     and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
     or `Equirectangular` is its lens. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender
-    and trimesh. `load_cameras` reads files of COLMAP, nerfstudio, Bundler and others, and
-    `save_cameras` writes them: each a `CalibratedCamera`. `transforms` has the matrices.
+    and trimesh. `load_cameras` reads files of COLMAP, nerfstudio, Bundler and others as
+    `CalibratedCamera` objects, and `save_cameras` writes them. `transforms` makes matrices.
 Pictures and ground truth
-    `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
-    since a `PreviousView` as well. `Renderer` keeps what frames have in common; `render_many`
-    draws a stream of them, `render_batch` thousands of small ones into one array (`Batch`);
+    `render` draws a `Frame`: colour, and any of the buffers that `Frame` describes, such as motion
+    since a `PreviousView`. `Renderer` reuses what frames have in common; `render_many` draws a
+    stream of them, `render_batch` thousands of small ones into one array (`Batch`);
     `render_layers` finds the surfaces behind the nearest one (`LayeredFrame`). `Frame.save` writes
-    and `Frame.show` shows them; `grid` lays them out on a contact sheet; `masks` makes COCO
+    and `Frame.show` shows frames; `grid` arranges them on a contact sheet; `masks` makes COCO
     annotations of them; `Frame.pick` tells which face a pixel shows, and where (`PickedPixel`);
-    `Frame.to_pytorch3d` gives its triangles as PyTorch3D does (`PyTorch3DFragments`).
-    `styles` has looks that are ready made, such as ``rj.styles.studio(scene).render()``.
+    `Frame.to_pytorch3d` returns its triangles as PyTorch3D does (`PyTorch3DFragments`).
+    `styles` has ready-made looks, such as ``rj.styles.studio(scene).render()``.
     `line_drawing` finds the visible edges and writes SVG and PDF (`LineDrawing`).
-Moving pictures, data sets, clusters
-    `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
-    of meshes from all sides, and scenes with what is seen and hidden of each object;
-    `distributed` draws on a Dask cluster what one machine has no time, or no memory, for.
-To look at
+Animations, data sets, clusters
+    `animation` has key frames, turntables, morphs, and GIF, APNG, WebP and MP4; `dataset` renders
+    folders of meshes from all sides, and scenes with the visible and hidden part of each object;
+    `distributed` draws on a Dask cluster what takes one machine too much time or memory.
+Viewers
     `show` opens a window, a page, a notebook's widget or a terminal; `mpl` draws scenes into
     matplotlib's axes. Frames, scenes and meshes show themselves in notebooks.
-How accurate, how fast, and why
-    `Quality` has every setting of accuracy; `accuracy` measures what each costs and buys.
-    `explain` tells the `RenderPlan` of a frame, `profile` what its parts take (`FrameProfile`),
-    `explain_pixel` how one pixel came about (`PixelExplanation`); `FrameStats`, `QualityChoice` and
-    `Diagnostics` belong to a frame. `oracle` is the slow, exact reference to check any of it with.
-The parts alone
+Accuracy, speed and explanations
+    `Quality` has all settings of accuracy; `accuracy` measures what each costs and gains.
+    `explain` returns the `RenderPlan` of a frame, `profile` the time of its parts (`FrameProfile`),
+    `explain_pixel` how a pixel came about (`PixelExplanation`); a frame has `FrameStats`,
+    `QualityChoice` and `Diagnostics`. `oracle` is a slow, exact reference to check results with.
+Single stages
     `Framebuffer` draws lines, triangles, circles and curves into an array; `ClassicPipeline` is one
     object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
     (`RasterizedFaces`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
     `types` has the types of arguments, for annotations.
 
 Invalid arguments raise `ValueError`, which names the argument, before anything is drawn; files that
-cannot be read raise `MeshFileError`, one of them. Reading an output that was not asked for raises
-`OutputNotRequestedError`. A `LoadWarning` names what of a file was left out, a `CalibrationWarning`
-says that a time budget had to be learnt first, a `ViewWarning` that nothing is in view, that a near
-or far plane that was given cuts away what else were, or that light burns out most of what is seen.
+cannot be read raise its subclass `MeshFileError`. Reading an output that was not requested raises
+`OutputNotRequestedError`. A `LoadWarning` names what of a file was left out. A `CalibrationWarning`
+says that a time budget needed calibration first. A `ViewWarning` says that nothing is in view, that
+a given near or far plane cuts off what would be, or that most of what is seen is overexposed.
 
 World space is right-handed, y up; angles are degrees, colours in and out sRGB where they are 8-bit
 and linear where they are floats; row 0 of a picture is on top.
 """
 
-# First: so that Ctrl-C ends the command line while the rest is imported, and versions are checked.
+# First: Ctrl-C must end the command line while the rest is imported, and versions be checked.
 from rasterjit import interrupts as interrupts
 from rasterjit.runtime import versions as versions
 
@@ -79,7 +79,7 @@ from rasterjit import forks
 
 __version__ = "0.1.0"
 
-_HOMES = {
+_NAMES_BY_MODULE = {
     "classics.framebuffer": "Framebuffer",
     "classics.pipeline": "ClassicPipeline",
     "distributed.frames": "render_many",
@@ -152,18 +152,18 @@ Public modules.
 the name of a standard module.
 """
 
-_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
+_MODULE_OF = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 __all__ = sorted({*_MODULE_OF, *_MODULES} - {"mpl", "types"})
 
 
 class _Folder(list[str]):
-    """The package's folder, which pydoc sees as empty: ``help`` would list internal modules."""
+    """The package's folder; empty for pydoc, so that ``help`` lists no internal modules."""
 
     def __iter__(self) -> Iterator[str]:
-        caller = sys._getframe(1)
-        asks = (frame.f_globals.get("__name__") for frame in (caller, caller.f_back) if frame)
-        return iter(()) if tuple(asks) == ("pkgutil", "pydoc") else super().__iter__()
+        frame = sys._getframe(1)
+        callers = [caller.f_globals.get("__name__") for caller in (frame, frame.f_back) if caller]
+        return iter(()) if callers == ["pkgutil", "pydoc"] else super().__iter__()
 
 
 __path__ = _Folder(__path__)
@@ -172,20 +172,22 @@ __path__ = _Folder(__path__)
 def __dir__() -> list[str]:
     """List the public names for ``help`` and completion; internal ones stay importable."""
     loaded = [name for name in _MODULES if name in globals()]
-    facts = [name for name, value in globals().items() if name[:2] == "__" and not callable(value)]
-    return sorted({*__all__, "types", *loaded, *facts})
+    special = [
+        name for name, value in globals().items() if name[:2] == "__" and not callable(value)
+    ]
+    return sorted({*__all__, "types", *loaded, *special})
 
 
-_LOADING = forks.hold_over_forks(forks.reentrant_lock())
-"""Held while a name is loaded: NumPy cannot be imported by two threads at once."""
+_IMPORT_LOCK = forks.hold_over_forks(forks.reentrant_lock())
+"""Held while a name is imported: two threads cannot import NumPy at once."""
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name when it is first needed, and keep it."""
+    """Import a public name when it is first needed."""
     if name not in _MODULES and name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    with _LOADING:
+    with _IMPORT_LOCK:
         if name in _MODULES:
             return import_module(f"rasterjit.{name}")
-        globals()[name] = found = getattr(import_module(f"rasterjit.{_MODULE_OF[name]}"), name)
-        return found
+        value = globals()[name] = getattr(import_module(f"rasterjit.{_MODULE_OF[name]}"), name)
+        return value
