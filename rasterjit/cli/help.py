@@ -56,6 +56,7 @@ OPTION_SYNONYMS = _map_synonyms({
     "--tone-map CURVE": "--tonemap --tonemapping",
     "--exposure STOPS": "--gamma --brightness",
     "--wireframe overlay": "--edges --wire",
+    "--hidden-lines": "--hidden --dashed",
     "--shading phong": "--smooth",
     "--shading flat": "--flat",
     "--shading unlit": "--unlit",
@@ -192,8 +193,8 @@ OPTION_GROUPS = {
         "scalars", "colormap", "scalar_range", "norm", "contours", "colorbar", "variant",
     ),
     "Effects": (
-        "shadows", "environment", "ambient_occlusion", "eye_dome", "outline", "tone_map",
-        "exposure", "vignette", "section", "section_lines",
+        "shadows", "environment", "ambient_occlusion", "eye_dome", "outline", "outline_width",
+        "hidden_lines", "tone_map", "exposure", "vignette", "section", "section_lines",
     ),
     "Outputs": (
         "output", "force", "size", "outputs", "depth_file", "scale", "mask_file", "mask_of",

@@ -26,7 +26,7 @@ from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES
 from rasterjit.scene.norm import NORMS, NormName, RangeLike, make_norm
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES, MAX_STOPS
-from rasterjit.scene.validation import suggest
+from rasterjit.scene.validation import MAX_LINE_WIDTH, MIN_LINE_WIDTH, suggest
 
 if TYPE_CHECKING:
     from rasterjit.io.camera_files.calibration import CalibratedCamera
@@ -82,6 +82,9 @@ QUALITY_OPTIONS = ("preset", "changes", "samples")
 STYLES_WITH_COLORS = STYLES[2:]
 """Styles with their own colours."""
 
+STYLES_WITH_OUTLINES = ("technical",)
+"""Styles with outlines, of which options change what they name."""
+
 STYLES_WITH_LAMP = ("studio", "clay")
 """Styles that add a light with a shadow to scenes without lights."""
 
@@ -109,7 +112,8 @@ COLOR_OPTIONS = (
 """Options that act on colour alone, linear or encoded."""
 
 CODE_OPTIONS = (
-    "tone_map", "exposure", "outline", "vignette", "wireframe", "wireframe_color", "section_lines",
+    "tone_map", "exposure", "outline", "outline_width", "hidden_lines", "vignette", "wireframe",
+    "wireframe_color", "section_lines",
 )  # fmt: skip
 """Options that act on 8-bit colour alone."""
 
@@ -736,6 +740,10 @@ class Effects:
         Darken what lies behind its neighbours, which shows depth without light; 1 is usual.
     outline : str, optional
         Draw outlines in this colour.
+    outline_width : float, optional
+        Width of outlines, pixels; for print, points * dots an inch / 72.
+    hidden_lines : bool
+        Dash the edges of faces that surfaces hide, in the colour of outlines.
     tone_map : str, optional
         Tone curve: from light to what a screen can show.
     exposure : float, optional
@@ -763,6 +771,10 @@ class Effects:
     ambient_occlusion: bool = flag()
     eye_dome: float | None = option(option_types.FiniteType(0.0, MAX_STRENGTH), metavar="STRENGTH")
     outline: str | None = option(option_types.opaque_color_type)
+    outline_width: float | None = option(
+        option_types.FiniteType(MIN_LINE_WIDTH, MAX_LINE_WIDTH), metavar="PIXELS"
+    )
+    hidden_lines: bool = flag()
     tone_map: str | None = option(click.Choice(CURVES))
     exposure: float | None = option(option_types.FiniteType(-MAX_STOPS, MAX_STOPS), metavar="STOPS")
     vignette: float | None = option(option_types.FiniteType(0.0, 1.0), metavar="SHARE")
@@ -777,8 +789,8 @@ class Effects:
     samples: str | None = option(click.Choice(SAMPLE_CHOICES))
     style: str = "plain"
 
-    def quality(self) -> Quality:
-        """Return the quality, or raise click's usage error."""
+    def quality(self, of_style: Quality | None = None) -> Quality:
+        """Return the quality, changed from a style's if one is given; or raise a usage error."""
         changed: dict[str, Any] = {}
         if self.samples is not None:
             changed["samples"] = self.samples if self.samples == "area" else int(self.samples)
@@ -787,9 +799,18 @@ class Effects:
                 if changed.setdefault(name, level) != level:
                     raise click.UsageError(f"{name} is given twice: {changed[name]} and {level}")
         try:
-            return dataclasses.replace(PRESETS[self.preset](), **changed)
+            return dataclasses.replace(of_style or PRESETS[self.preset](), **changed)
         except ValueError as error:
             raise click.UsageError(str(error)) from None
+
+    def outline_changes(self) -> dict[str, Any]:
+        """Return the fields of outlines that are given."""
+        given = {
+            "color": self.outline,
+            "width": self.outline_width,
+            "hidden": "dashed" if self.hidden_lines else None,
+        }
+        return {name: value for name, value in given.items() if value is not None}
 
     def apply(self, scene: Scene) -> None:
         """Add the effects to a scene."""
@@ -813,8 +834,9 @@ class Effects:
             _cast_shadows(scene)
         if self.ambient_occlusion:
             scene.ambient_occlusion = AmbientOcclusion()
-        if self.outline is not None:
-            scene.outline = Outline(self.outline)
+        outlined = self.outline_changes()
+        if outlined and self.style not in STYLES_WITH_OUTLINES:
+            scene.outline = Outline(**outlined)
         if self.tone_map is not None or self.exposure is not None:
             scene.tone_map = ToneMap(self.tone_map or "none", self.exposure or 0.0)
         if self.vignette is not None:
@@ -878,7 +900,12 @@ def apply_style(
         scene.lights = make_headlight(seen_from)
     style = styles.STYLES[effects.style](scene, camera)
     if any(map(is_given, QUALITY_OPTIONS)):
-        style = style.with_quality(effects.quality())
+        # Single settings change those of the style; a named quality replaces them.
+        of_style = None if is_given("preset") else style.quality
+        style = style.with_quality(effects.quality(of_style))
+    if effects.style in STYLES_WITH_OUTLINES:
+        changes = effects.outline_changes()
+        style.scene.outline = dataclasses.replace(style.scene.outline, **changes)
     return style
 
 

@@ -46,7 +46,9 @@ def test_hidden_edges_are_those_of_exact_visibility(cube, sphere, eye):
     scene, camera = scene_of(cube, smaller, width=3.0, dash=SOLID), looking(eye)
     smooth = rj.Quality(lines="coverage")
     found = shares(scene, camera, quality=smooth)
-    drawing = rj.line_drawing(scene, camera, SIZE, crease_angle=40.0)
+    drawing = rj.line_drawing(
+        scene, camera, SIZE, edges=("boundary", "silhouette", "crease"), crease_angle=40.0
+    )
     lines = drawing.segments.reshape(-1, 4)
     unseen, seen = lines[~drawing.visible], lines[drawing.visible]
     assert len(unseen) > 5

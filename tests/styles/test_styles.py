@@ -500,6 +500,29 @@ def test_the_command_line_draws_studio_and_takes_others(tmp_path, teapot):
     assert "style studio: 4 samples" in told
 
 
+def test_options_of_lines_change_the_outlines_of_a_style(tmp_path, cube):
+    file, out = MODELS / "cube.ply", tmp_path / "a.png"
+    told = run(
+        "explain", file, "--style", "technical", "--outline-width", 2.5, "--hidden-lines",
+        "--samples", 16,
+    ).output  # fmt: skip
+    rows = {line.split("  ")[0]: line for line in told.splitlines()}
+    # Samples leave lines smooth, as the style has them.
+    assert "2.5 wide, by coverage" in rows["outline"]
+    assert "dashes of 5" in rows["hidden lines"]
+    assert "16 samples" in rows["anti-aliasing"]
+    told = run("explain", file, "--style", "plain", "--outline-width", 3).output
+    rows = {line.split("  ")[0]: line for line in told.splitlines()}
+    assert rows["outline"].endswith("3 wide)")
+    ink = run(file, "-o", out, "--style", "technical", "--outline", "red", "--size", "60x60")
+    assert ink.exit_code == 0, ink.output
+    from imageio.v3 import imread
+
+    seen = imread(out).astype(int)
+    assert ((seen[..., 0] > 200) & (seen[..., 1] < 100)).sum() > 20
+    assert run("explain", file, "--outline-width", 0).exit_code == 2
+
+
 def test_explicit_options_win(tmp_path):
     file, out = MODELS / "cube.ply", tmp_path / "a.png"
     told = run("explain", file, "--samples", 8, "--tone-map", "aces", "--light", "headlight").output
