@@ -35,7 +35,7 @@ from rasterjit.scene.light import Light, ShadowFilter
 from rasterjit.scene.material import AlphaMode, Shading
 from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.norm import NormLike, RangeLike
-from rasterjit.scene.outline import EdgeKind
+from rasterjit.scene.outline import EdgeKind, HiddenLines
 from rasterjit.scene.quality import (
     Blending,
     DepthFormat,
@@ -86,6 +86,7 @@ __all__ = [
     "Filter",
     "FinestShading",
     "FogMode",
+    "HiddenLines",
     "IdOutput",
     "Interpolation",
     "InterpolationPrecision",

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import ColorLike, opaque_codes, rgba
 from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.label import Label
-from rasterjit.scene.outline import Outline
+from rasterjit.scene.outline import HIDDEN_LINES, HiddenLines, Outline
 from rasterjit.scene.pixel_projection import screen_from_relative
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -56,8 +56,6 @@ from rasterjit.scene.validation import read_only
 from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.deformation import check_lists, pose_scene
 from rasterjit.survey.effect import with_field
-
-HiddenLines: TypeAlias = Literal["none", "dashed"]
 
 WIDTHS = {
     "section": 1.0, "boundary": 1.0, "silhouette": 1.0, "crease": 0.5, "intersection": 0.5,
@@ -207,7 +205,7 @@ class LineDrawing:
                 f"makes {scale * max(self.size):g}"
             )
         pens = _Pens(self.color, width, color, dash)
-        check.one_of("hidden", hidden, get_args(HiddenLines))
+        check.one_of("hidden", hidden, HIDDEN_LINES)
         strokes = []
         if hidden == "dashed":
             paths = [path for kind in FROM_BEHIND for path in self.paths(kind, visible=False)]
