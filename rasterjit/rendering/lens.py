@@ -46,7 +46,13 @@ from rasterjit.scene.validation import boolean
 from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache, update_cache
 from rasterjit.survey.clip_planes import merge_needs
-from rasterjit.survey.effect import FrameContext, LensEffect, UsedEffect, list_screen_effects
+from rasterjit.survey.effect import (
+    FrameContext,
+    LensEffect,
+    TracedEffect,
+    UsedEffect,
+    list_screen_effects,
+)
 from rasterjit.survey.object_transforms import ViewTransforms
 from rasterjit.survey.packed_scene import make_placement
 from rasterjit.survey.plan import RenderPlan
@@ -148,13 +154,7 @@ def plan_with_lens(
         frames.append(planning.plan_frame(picture_request, scene, picture_camera, cache))
         cache = frames[-1].cache
     _check_effects([frame.plan for frame in frames])
-    # Overlays are drawn over the finished picture.
-    pictures = [
-        frame._replace(
-            plan=frame.plan.for_picture(lambda used: "overlay" not in used.effect.places)
-        )
-        for frame in frames
-    ]
+    pictures = [frame._replace(plan=_plan_without_overlays(frame.plan)) for frame in frames]
     text = f"{type(lens).__name__}: {lens_views.description}"
     pixels, eye = _pixels_of(lens, intrinsics, camera, size), camera.eye_position()
     effects = tuple(
@@ -236,8 +236,11 @@ def draw_with_lens(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
     targets: dict[str, NDArray[Any]] = {}
     comparison = _make_comparison(planned)
     counts = dict.fromkeys(COUNTS, 0)
-    for picture, planned_picture in zip(lens_views.pictures, planned.pictures, strict=True):
+    traces: list[dict[str, list[Float64]]] = []
+    for number, picture in enumerate(lens_views.pictures):
+        planned_picture = planned.pictures[number]
         frame, seen = draw(planned_picture, clock)
+        traces.append(_trace_overlays(planned, number, seen, workers))
         arrays = {**frame.arrays(), "face_id": seen.coverage.face_id}
         if "depth" in outputs:
             arrays["depth"] = _depth_along_axis(picture, arrays["depth"])
@@ -264,7 +267,12 @@ def draw_with_lens(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
     lit = view_warnings.lit_pixels(planned.plan.facts, planned_picture.cache, targets["face_id"])
     share = 0.0 if lit is None else view_warnings.white_share(lit, result["color"])
     for overlay in planned.plan.effects_at("overlay"):
-        overlay.effect.places["overlay"](overlay.data, context, result["color"])
+        if isinstance(overlay.effect, TracedEffect):
+            kinds = zip(*(trace[overlay.name] for trace in traces), strict=True)
+            pieces = [np.concatenate(parts) for parts in kinds]
+            overlay.effect.draw_traced(overlay.data, pieces, context, result["color"])
+        else:
+            overlay.effect.places["overlay"](overlay.data, context, result["color"])
     stats = FrameStats(**counts, seconds=clock.seconds, face_id=targets["face_id"])
     if "face_id" in outputs:
         # The caller may write to it.
@@ -316,10 +324,59 @@ def _check_supported(outputs: Sequence[str], diagnose: Any) -> None:
         raise ValueError("outputs has 'motion_visible', which is not found where a lens is given")
 
 
+def _plan_without_overlays(plan: RenderPlan) -> RenderPlan:
+    """Return a picture's plan: overlays are drawn over the finished one, some traced before."""
+    traced = plan.for_picture(
+        effects=tuple(
+            replace(planned, effect=planned.effect.tracer)
+            if isinstance(planned, UsedEffect) and isinstance(planned.effect, TracedEffect)
+            else planned
+            for planned in plan.effects
+        )
+    )
+    return traced.for_picture(lambda used: "overlay" not in used.effect.places)
+
+
+def _trace_overlays(
+    planned: LensPlan, number: int, seen: RasterizedView, workers: Workers
+) -> dict[str, list[Float64]]:
+    """
+    Trace the lines of overlays in a pinhole picture.
+
+    Returns
+    -------
+    dict
+        By the name of the overlay its lines where the lens takes this picture, pixels of the frame,
+        (N, 2, 2) for each kind.
+    """
+    picture, views = planned.pictures[number], planned.lens_views
+    context = FrameContext(picture.plan, picture.cache, seen.placement, workers, seen)
+    pixels = _pixels_of(planned.lens, planned.intrinsics, planned.camera, planned.size)
+
+    def bend(pieces: Float64) -> Float64:
+        ends = pixels(pieces.reshape(-1, 3)).reshape(-1, 2, 2)
+        ends = ends[np.isfinite(ends).all(axis=(1, 2))]
+        column, row = np.floor((ends[:, 0] + ends[:, 1]) * 0.5).astype(np.int64).T
+        width, height = planned.size
+        is_inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        # A panorama's lines do not cross the whole picture where it closes.
+        is_inside &= (np.abs(ends[:, 1] - ends[:, 0]) < 0.5 * width).all(axis=1)
+        ends, column, row = ends[is_inside], column[is_inside], row[is_inside]
+        return ends[views.picture_number[row, column] == views.pictures[number].number]
+
+    return {
+        overlay.name: [bend(pieces) for pieces in overlay.effect.trace(overlay.data, context)]
+        for overlay in planned.plan.effects_at("overlay")
+        if isinstance(overlay.effect, TracedEffect)
+    }
+
+
 def _check_effects(plans: Sequence[RenderPlan]) -> None:
     """Raise ``ValueError`` naming an effect that reads pixels of the finished picture."""
     for plan in plans:
         for effect, _ in list_screen_effects(plan.planned):
+            if isinstance(effect, TracedEffect):
+                continue
             looks_around = effect.scope == "neighbours"
             if "overlay" in effect.places and (looks_around or effect.reads_clip_positions):
                 raise ValueError(

@@ -392,6 +392,34 @@ class ScreenEffect(Effect):
         return record
 
 
+class TracedEffect(ScreenEffect):
+    """
+    An overlay of lines that a lens bends: traced in its pinhole pictures, drawn over the finished.
+
+    Attributes
+    ----------
+    tracer : ScreenEffect
+        Its row in the plans of pinhole pictures: reads the same, and draws nothing.
+    """
+
+    tracer: ScreenEffect
+
+    def trace(self, data: Any, context: FrameContext) -> list[NDArray[Any]]:
+        """Return visible pieces of lines, (N, 2, 3) float64 for each kind: see `draw_traced`."""
+        raise NotImplementedError
+
+    def draw_traced(
+        self, data: Any, pieces: list[NDArray[Any]], context: FrameContext, color: NDArray[Any]
+    ) -> None:
+        """
+        Draw pieces of lines over the colour, (H, W, 4).
+
+        ``pieces`` are those that `trace` returned, ends relative to the eye, projected by the lens:
+        pixels, (N, 2, 2) float64 for each kind of line.
+        """
+        raise NotImplementedError
+
+
 class OpaquePassEffect(ScreenEffect):
     """
     An effect that reads another picture of the same view, without some objects (an opaque pass).

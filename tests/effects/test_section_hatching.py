@@ -1,6 +1,8 @@
-"""Hatched caps, caps coloured by parts, and caps that continue the scalars of a mesh."""
+"""Hatched caps, their colours by parts or scalars, and section lines through lenses."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pytest
@@ -208,3 +210,53 @@ def test_scalars_that_are_not_there_leave_the_color_as_it_is():
 def test_bad_hatchings_are_named(fields, match):
     with pytest.raises(ValueError, match=match):
         rj.SectionPlane(**CUT, **fields)
+
+
+LENSES = rj.PinholeDistortion(k1=-0.15), rj.FisheyeLens(), rj.Equirectangular()
+
+
+@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: type(lens).__name__)
+@pytest.mark.parametrize("lines", ["bresenham", "coverage"])
+def test_section_lines_are_bent_by_lenses(lens, lines):
+    size = (200, 100) if isinstance(lens, rj.Equirectangular) else SIZE
+    scene = boxes((0, 0, 0), lines=True, line_color="red", line_width=2, size=(1.4, 1.0, 1.0))
+    # A wall hides the left of the cut.
+    wall = rj.Mesh([[-2, -2, 0], [-0.3, -2, 0], [-0.3, 2, 0], [-2, 2, 0]], [[0, 1, 2], [0, 2, 3]])
+    wall.material = rj.Material("unlit", "white")
+    scene.add(rj.Node(wall, rj.transforms.translate((0, 0, 0.6)), section=False))
+    camera = rj.PerspectiveCamera((0.1, 0.2, 1.5), (0.0, 0.0, 0.0), fov_y=60.0)
+    frame = shown(scene, camera, size=size, lens=lens, quality=rj.Quality(lines=lines))
+    assert frame.plan.has("section lines")
+    red = (frame.color[..., 0] > 150) & (frame.color[..., 1] < 140)
+    seen, hidden = [], []
+    (outline,) = rj.cross_section(scene, scene.section).outlines[0]
+    for a, b in itertools.pairwise(outline):
+        points = a + np.linspace(0.0, 1.0, 200)[:, np.newaxis] * (b - a)
+        # Where the ray to each point crosses the plane of the wall.
+        along = (1.5 - 0.6) / (1.5 - points[:, 2])
+        at_wall = 0.1 + along * (points[:, 0] - 0.1)
+        seen.append(points[at_wall > -0.25])
+        hidden.append(points[at_wall < -0.35])
+    seen, hidden = np.concatenate(seen), np.concatenate(hidden)
+    at = [lens_pixels(lens, camera, size, points) for points in (seen, hidden)]
+    column, row = np.floor(at[0]).astype(int).T
+    near = red | np.roll(red, 1, 0) | np.roll(red, -1, 0) | np.roll(red, 1, 1) | np.roll(red, -1, 1)
+    assert near[row, column].all()
+    # Nothing is red far from the lines that are seen, nor where they are hidden.
+    y, x = np.nonzero(red)
+    away = np.abs(at[0][:, np.newaxis] - np.stack([x + 0.5, y + 0.5], axis=1)).max(axis=2)
+    assert away.min(axis=0).max() < 4.0
+    column, row = np.floor(at[1]).astype(int).T
+    assert len(hidden) > 100
+    assert not red[row, column].any()
+
+
+def lens_pixels(lens, camera, size, points):
+    """Return where a lens shows points, (N, 2), by OpenCV's axes."""
+    view = camera.view_matrix()
+    local = points @ view[:3, :3].T + view[:3, 3]
+    places = lens.project(local * (1.0, -1.0, -1.0))
+    if isinstance(lens, rj.Equirectangular):
+        return (places / (2 * np.pi, np.pi) + 0.5) * size
+    focal = camera.projection_matrix(size)[1, 1] * size[1] / 2.0
+    return places * focal + np.array(size) / 2.0

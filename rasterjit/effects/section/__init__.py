@@ -9,13 +9,15 @@ surfaces and by the cut solid, each pixel widened to a disc like those of outlin
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from collections.abc import Iterator
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.outline import make_disc_rows
 from rasterjit.effects.outline.stage import dilate_marks
+from rasterjit.effects.section import tracing
 from rasterjit.effects.wireframe import (
     cover_edges,
     describe_lines,
@@ -27,12 +29,20 @@ from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.effects.wireframe.strokes import round_width
 from rasterjit.pipeline.geometry.setup import NEAR
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
+from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.threads import split_into_bands
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.section import SectionPlane, planes_in, replace_planes
-from rasterjit.survey.effect import FrameContext, ModalEffect, Planning, ScreenEffect, with_field
+from rasterjit.survey.effect import (
+    FrameContext,
+    ModalEffect,
+    Planning,
+    ScreenEffect,
+    TracedEffect,
+    with_field,
+)
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -94,7 +104,7 @@ class Sections(ScreenEffect, ModalEffect):
         return with_field(scene, self.field, SectionPlane(tuple(center.tolist()), normal))
 
 
-class SectionLines(ScreenEffect):
+class SectionLines(TracedEffect):
     """Draw the lines along which planes cut over the finished picture."""
 
     name = "section lines"
@@ -168,32 +178,95 @@ class SectionLines(ScreenEffect):
         planes: tuple[SectionPlane, ...], context: FrameContext, color: NDArray[np.uint8]
     ) -> None:
         """Draw the lines over the colour, (H, W, 4)."""
-        plan, cache, _, workers = context[:4]
         geometry, coverage = context.seen.geometry, context.seen.coverage
-        target, coefficients = color.view(np.uint32)[:, :, 0], plan.camera.depth_coefficients()
         hidden_by = coverage.face_id, coverage.reversed_depth
-        bands = split_into_bands(target.shape, workers)
-        cut = cache.cut
-        for number, plane in enumerate(planes if cut is not None else ()):
-            edges = cut.edges[number]
-            if not plane.lines or not len(edges):
-                continue
-            if plan.cull != "front":
-                is_behind = _are_behind_solids(plane, edges, cut.sides[number], context)
-                edges = np.ascontiguousarray(edges[~is_behind])
-            width, rgba = plane.line_width, opaque_codes(plane.line_color)
-            seen = edges, geometry, coefficients
-            if plan.quality.lines == "coverage":
-                light = find_light(plan.quality)
-                cover_edges(*seen, rgba, color, hidden_by, width, light, workers)
-                continue
-            canvas = np.zeros(color.shape, np.uint8)
-            draw_edges(*seen, MARK_RGBA, canvas, hidden_by, workers)
-            marks, disc = canvas[:, :, 0].copy(), make_disc_rows(round_width(width))
-            code = rgba.view(np.uint32)
-            workers.run(dilate_marks, [(marks, rows, disc, code, target) for rows in bands])
+        for plane, edges, _ in _list_lines(planes, context):
+            _draw_lines(plane, edges, geometry, hidden_by, context, color)
+
+    def trace(
+        self, planes: tuple[SectionPlane, ...], context: FrameContext
+    ) -> list[NDArray[np.float64]]:
+        """Return the visible pieces of the lines of each plane."""
+        geometry, coverage = context.seen.geometry, context.seen.coverage
+        hidden_by = coverage.face_id, coverage.reversed_depth
+        pieces = [np.zeros((0, 2, 3))] * len(planes)
+        for plane, edges, owners in _list_lines(planes, context):
+            marks = _mark_edges(edges, geometry, hidden_by, context) > 0
+            ends = tracing.place_edges(edges, owners, context)
+            number = next(n for n, one in enumerate(planes) if one is plane)
+            pieces[number] = tracing.keep_visible(ends, marks, context)
+        return pieces
+
+    def draw_traced(
+        self, planes: tuple[SectionPlane, ...], pieces: list[NDArray[np.float64]],
+        context: FrameContext, color: NDArray[np.uint8],
+    ) -> None:  # fmt: skip
+        """Draw the lines of each plane through a lens."""
+        size, viewport = context.plan.size, context.seen.geometry.viewport
+        for plane, lines in zip(planes, pieces, strict=True):
+            if len(lines):
+                edges, geometry = tracing.make_lines(lines, size, viewport)
+                _draw_lines(plane, edges, geometry, None, context, color)
 
     places: ClassVar = {"overlay": draw_over}
+
+
+class SectionTracer(SectionLines):
+    """Section lines in the pinhole pictures of a lens: they are traced there, not drawn."""
+
+    places: ClassVar = {}
+
+
+SectionLines.tracer = SectionTracer()
+
+
+def _list_lines(
+    planes: tuple[SectionPlane, ...], context: FrameContext
+) -> Iterator[tuple[SectionPlane, NDArray[np.int32], NDArray[np.int32]]]:
+    """Yield each plane with lines, the edges that its solids do not hide, and their objects."""
+    cut = context.cache.cut
+    if cut is None:
+        return
+    for number, plane in enumerate(planes):
+        edges, sides = cut.edges[number], cut.sides[number]
+        if not plane.lines or not len(edges):
+            continue
+        if context.plan.cull != "front":
+            is_seen = ~_are_behind_solids(plane, edges, sides, context)
+            edges, sides = np.ascontiguousarray(edges[is_seen]), sides[is_seen]
+        yield plane, edges, sides[:, 1]
+
+
+def _draw_lines(
+    plane: SectionPlane, edges: NDArray[np.int32], geometry: Geometry,
+    hidden_by: Any, context: FrameContext,
+    color: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Draw edges as the lines of a plane over the colour, (H, W, 4)."""
+    plan, workers = context.plan, context.workers
+    width, rgba = plane.line_width, opaque_codes(plane.line_color)
+    if plan.quality.lines == "coverage":
+        coefficients, light = plan.camera.depth_coefficients(), find_light(plan.quality)
+        cover_edges(edges, geometry, coefficients, rgba, color, hidden_by, width, light, workers)
+        return
+    marks, disc = (
+        _mark_edges(edges, geometry, hidden_by, context),
+        make_disc_rows(round_width(width)),
+    )
+    target, code = color.view(np.uint32)[:, :, 0], rgba.view(np.uint32)
+    bands = split_into_bands(target.shape, workers)
+    workers.run(dilate_marks, [(marks, rows, disc, code, target) for rows in bands])
+
+
+def _mark_edges(
+    edges: NDArray[np.int32], geometry: Geometry,
+    hidden_by: Any, context: FrameContext,
+) -> NDArray[np.uint8]:  # fmt: skip
+    """Return the pixels that visible edges pass, (H, W) uint8: 255, others 0."""
+    canvas = np.zeros((geometry.viewport.height, geometry.viewport.width, 4), np.uint8)
+    coefficients = context.plan.camera.depth_coefficients()
+    draw_edges(edges, geometry, coefficients, MARK_RGBA, canvas, hidden_by, context.workers)
+    return canvas[:, :, 0].copy()
 
 
 def _are_behind_solids(
