@@ -30,6 +30,7 @@ from rasterjit.hidden_lines.occlusion import (
     split_by_visibility,
 )
 from rasterjit.hidden_lines.piercings import find_intersections
+from rasterjit.hidden_lines.text_outlines import trace_text
 from rasterjit.inspect.cross_section import join_edges
 from rasterjit.io.atomic_write import atomic_file
 from rasterjit.io.images import check_save_path
@@ -162,7 +163,8 @@ class LineDrawing:
         """
         Write the drawing as vector graphics; the format follows the extension.
 
-        Texts of labels are texts: in SVG in the label's font or Helvetica, in PDF in Helvetica.
+        Texts of labels are texts: in SVG in the label's font or Helvetica, in PDF in Helvetica, or
+        outlines of all their characters where that lacks one.
         Lines of one kind are a group in SVG, each line a path.
 
         Parameters
@@ -195,7 +197,7 @@ class LineDrawing:
         Warns
         -----
         UserWarning
-            If a label has characters that Helvetica in PDF lacks: question marks replace them.
+            If no font has a character of a label, in PDF.
         """
         target = check_save_path(path, graphics.FORMATS)
         scale = 72.0 / check.positive_number("dpi", dpi)
@@ -289,7 +291,8 @@ def line_drawing(
       Else both sides of faces hide.
     - Objects that blend (``alpha_mode="blend"`` with an alpha below 1) or transmit light hide
       nothing, but their own edges are drawn. Holes of alpha masks are not seen.
-    - A section cuts the scene first; its caps hide as faces do.
+    - A section cuts the scene first; its caps hide as faces do. Where solids overlap in it, the
+      outlines of both are drawn.
     - Faces that pierce each other hide each other's edges from where they pierce. The line along
       which they do so is an edge; where solids touch by what float32 rounds, there is none.
     - Points are not drawn, and `Lines` as lines of one width that hide nothing; a lens would bend
@@ -538,7 +541,7 @@ def _place_text(label: Label, place: tuple[float, float], scale: float) -> graph
         list(zip(lines, widths, strict=True)), x, [first + n * pitch for n in range(len(lines))],
         size, align, _to_codes(label.color), None if label.background is None else box,
         (0, 0, 0, 0) if label.background is None else _to_codes(label.background),
-        None if label.font is None else Path(label.font).stem,
+        None if label.font is None else os.fspath(label.font),
     )  # fmt: skip
 
 
@@ -546,10 +549,10 @@ def _write_page(page: graphics.Page, target: Path) -> bytes:
     """Return the content of a file."""
     if target.suffix.lower() == ".svg":
         return graphics.write_svg(page).encode("utf-8")
-    text = "".join(line for one in page.texts for line, _ in one.lines)
-    if missing := helvetica.find_missing(text):
-        warn_caller(
-            f"labels have {missing!r}, which Helvetica in PDF lacks: {target.name} has question "
-            "marks there, .svg holds any text"
-        )
-    return graphics.write_pdf(page)
+    texts = [
+        text
+        if all(helvetica.has_characters(line) for line, _ in text.lines)
+        else text._replace(outlines=trace_text(text))
+        for text in page.texts
+    ]
+    return graphics.write_pdf(page._replace(texts=texts))

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
 
 from rasterjit.scene.arrays import Float64
 
@@ -54,7 +57,10 @@ class Text(NamedTuple):
     box: tuple[float, float, float, float] | None = None
     """Left, top, width and height of a background."""
     box_color: Codes = (0, 0, 0, 0)
-    family: str | None = None
+    font: str | None = None
+    """A font's name or file; in PDF, for outlines alone."""
+    outlines: Sequence[Float64] | None = None
+    """Contours that PDF has in place of the text: see `trace_text`."""
 
 
 class Page(NamedTuple):
@@ -109,7 +115,7 @@ def _svg_text(text: Text) -> Iterator[str]:
         x, y, width, height = map(format_number, text.box)
         paint = _svg_paint("fill", text.box_color)
         yield f'<rect x="{x}" y="{y}" width="{width}" height="{height}" {paint}/>'
-    family = FAMILY if text.family is None else f"{text.family}, {FAMILY}"
+    family = FAMILY if text.font is None else f"{Path(text.font).stem}, {FAMILY}"
     for (line, _), baseline in zip(text.lines, text.baselines, strict=True):
         yield (
             f'<text x="{format_number(text.x)}" y="{format_number(baseline)}" '
@@ -202,11 +208,25 @@ def _pdf_content(page: Page) -> Iterator[str]:
             x, y, width, height = text.box
             yield _pdf_paint(text.box_color, "rg")
             yield f"{_join((x, page.height - y - height, width, height))} re f"
+        if text.outlines is not None:
+            yield _pdf_paint(text.color, "rg")
+            yield from _pdf_outlines(text.outlines, page.height)
+            continue
         yield f"{_pdf_paint(text.color, 'rg')} BT /F {format_number(text.size)} Tf"
         for (line, width), baseline in zip(text.lines, text.baselines, strict=True):
             x = text.x - TEXT_SHIFTS[text.align] * width
             yield f"1 0 0 1 {_join((x, page.height - baseline))} Tm ({_pdf_string(line)}) Tj"
         yield "ET"
+
+
+def _pdf_outlines(contours: Sequence[Float64], height: float) -> Iterator[str]:
+    """Yield the operators that fill contours of quadratic curves, as the cubic ones they are."""
+    for curves in contours:
+        first, bend, last = (curves[:, k] * (1.0, -1.0) + (0.0, height) for k in range(3))
+        yield f"{_join(first[0])} m"
+        for row in np.concatenate([(first + 2.0 * bend) / 3.0, (last + 2.0 * bend) / 3.0, last], 1):
+            yield f"{_join(row)} c"
+    yield "f"
 
 
 def _pdf_paint(color: Codes, operator: str) -> str:
@@ -216,6 +236,5 @@ def _pdf_paint(color: Codes, operator: str) -> str:
 
 
 def _pdf_string(text: str) -> str:
-    """Return a text as PDF's strings have it; characters that the font lacks are question marks."""
-    known = text.encode("cp1252", "replace").decode("cp1252")
-    return known.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
+    """Return a text as PDF's strings have it."""
+    return text.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")

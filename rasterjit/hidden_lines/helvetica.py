@@ -44,6 +44,6 @@ def _find_width(character: str) -> int:
     return WIDTHS[number] if 0 <= number < len(WIDTHS) else 556
 
 
-def find_missing(text: str) -> str:
-    """Return the characters that the font lacks in PDF, each once."""
-    return "".join(dict.fromkeys(one for one in text if not one.encode("cp1252", "ignore")))
+def has_characters(text: str) -> bool:
+    """Tell whether the font has all characters of a text in PDF."""
+    return text.encode("cp1252", "ignore").decode("cp1252") == text

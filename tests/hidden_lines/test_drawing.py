@@ -152,28 +152,49 @@ def test_svg_holds_paths_in_points_and_texts(drawing, tmp_path):
     assert len(list(root.iter(f"{SVG}rect"))) == 2
 
 
-def test_pdf_is_one_page_with_the_same_lines(drawing, tmp_path):
-    with pytest.warns(UserWarning, match="'Ω', which Helvetica in PDF lacks"):
-        drawing.save(tmp_path / "a.pdf", hidden="dashed")
-    content = (tmp_path / "a.pdf").read_bytes()
+def page_of(path):
+    """Return the operators of a PDF's page, after a look at its table of objects."""
+    content = path.read_bytes()
     assert content.startswith(b"%PDF-1.4")
-    assert b"/MediaBox [0 0 200 160]" in content
-    # Every object is where the table says.
     start = int(content.rsplit(b"startxref\n", 1)[1].split()[0])
-    rows = re.findall(rb"(\d{10}) 00000 n", content[start:])
-    for number, row in enumerate(rows, 1):
+    for number, row in enumerate(re.findall(rb"(\d{10}) 00000 n", content[start:]), 1):
         assert content[int(row) :].startswith(b"%d 0 obj" % number)
-    page = zlib.decompress(content.split(b"stream\n")[1].split(b"\nendstream")[0]).decode("cp1252")
-    assert r"(size <1 \(2\)) Tj" in page
-    assert "(?) Tj" in page
+    return zlib.decompress(content.split(b"stream\n")[1].split(b"\nendstream")[0]).decode("cp1252")
+
+
+def test_pdf_is_one_page_with_the_same_lines(drawing, tmp_path):
+    drawing.save(tmp_path / "a.pdf", hidden="dashed")
+    assert b"/MediaBox [0 0 200 160]" in (tmp_path / "a.pdf").read_bytes()
+    page = page_of(tmp_path / "a.pdf")
+    assert "(corner) Tj" in page
     assert "[3 2] 0 d" in page
-    (outline,) = (line for line in page.splitlines() if line.endswith("s"))
+    (outline,) = (line for line in page.splitlines() if line.endswith(" s"))
     points = np.array(re.findall(r"([\d.]+) ([\d.]+) [ml]", outline), float)
     want = drawing.paths("silhouette")[0][:-1] * (1, -1) + (0, 160)
     np.testing.assert_allclose(points, want, atol=0.00051)
-    with pytest.warns(UserWarning, match="Helvetica"):
-        drawing.save(tmp_path / "b.pdf", hidden="dashed")
-    assert (tmp_path / "b.pdf").read_bytes() == content
+    drawing.save(tmp_path / "b.pdf", hidden="dashed")
+    assert (tmp_path / "b.pdf").read_bytes() == (tmp_path / "a.pdf").read_bytes()
+
+
+def test_pdf_has_outlines_of_texts_that_helvetica_lacks(tmp_path):
+    def save(text):
+        scene = box_scene()
+        scene.add(rj.Label((0, 0, 0), text, size=20.0))
+        rj.line_drawing(scene, rj.fit_camera(scene), (200, 160)).save(tmp_path / "a.pdf")
+        return page_of(tmp_path / "a.pdf")
+
+    assert r"(a \(b\) \\ ±2°) Tj" in save("a (b) \\ ±2°")
+    page = save("Ω")
+    assert "Tj" not in page
+    curves = re.findall(r"^([\d. ]+) c$", page, re.MULTILINE)
+    points = np.array([row.split()[4:] for row in curves], float)
+    # Around the label's place, as wide and high as the letter.
+    x, y = rj.fit_camera(box_scene()).project((0, 0, 0), (200, 160)).pixels
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    assert np.abs(middle - (x, 160.0 - y)).max() < 3.0
+    assert 10.0 < np.ptp(points, axis=0).max() < 16.0
+    with pytest.warns(UserWarning, match="no font has"):
+        save("\ue123\ufdd0")
 
 
 def test_a_file_is_as_it_was_where_a_new_one_is_refused(drawing, tmp_path):

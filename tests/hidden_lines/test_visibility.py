@@ -269,20 +269,24 @@ def test_bits_are_the_same_for_any_number_of_threads(monkeypatch):
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
 
 
+def widened(pixels):
+    """Return pixels and those around them, (H, W) bool."""
+    shifts = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1)]
+    return np.logical_or.reduce([np.roll(pixels, shift, (0, 1)) for shift in shifts])
+
+
 def test_lines_are_where_a_technical_picture_has_ink():
     scene, size = rj.load("models/teapot.obj"), (640, 480)
     camera = rj.fit_camera(scene, aspect=4 / 3)
     style = rj.styles.technical(scene, camera)
-    frame = rj.render(style.scene, camera, size=size)
-    ink = frame.color[..., :3].max(axis=2) < 128
+    ink = rj.render(style.scene, camera, size=size).color[..., :3].max(axis=2) < 128
     drawing = rj.line_drawing(scene, camera, size)
     lines = drawing.segments[drawing.visible]
-    shares = np.linspace(0.02, 0.98, 25)[:, np.newaxis, np.newaxis]
+    shares = np.linspace(0.0, 1.0, 101)[:, np.newaxis, np.newaxis]
     points = (lines[:, 0] + shares * (lines[:, 1] - lines[:, 0])).reshape(-1, 2)
-    lengths = np.tile(np.abs(lines[:, 1] - lines[:, 0]).max(axis=1), 25)
-    wide = np.zeros_like(ink)
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            wide |= np.roll(ink, (down, right), (0, 1))
+    lengths = np.tile(np.abs(lines[:, 1] - lines[:, 0]).max(axis=1), len(shares))
     columns, rows = np.floor(points).astype(int).T
-    assert (lengths * wide[rows, columns]).sum() > 0.97 * lengths.sum()
+    assert (lengths * widened(ink)[rows, columns]).sum() > 0.97 * lengths.sum()
+    drawn = np.zeros_like(ink)
+    drawn[rows, columns] = True
+    assert np.count_nonzero(ink & widened(widened(drawn))) > 0.99 * np.count_nonzero(ink)
