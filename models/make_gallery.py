@@ -579,6 +579,32 @@ def exploded(size: Size) -> Picture:
 
 
 @picture
+def dimensions(size: Size) -> Picture:
+    """A flange from above, with what a drawing says of it."""
+    scene = rj.Scene()
+    rim = [(2.0, -0.2), (2.0, 0.2), (0.7, 0.2), (0.7, -0.2)]
+    upright = PLACE.rotate_x(90.0)
+    scene.add(dressed(revolved(rim), rj.Material("flat", "#c3ccd6")), upright)
+    em = max(6.0, size[0] / 32.0)
+    written = {"size": em, "color": "#20242c", "background": "#e9e6df"}
+    middle, top = (0.0, 0.0, 0.3), (0.0, 2.0, 0.3)
+    scene.add(
+        rj.length_dimension(
+            (-2.0, 0, 0.3), (2.0, 0, 0.3), offset=(0, -2.4, 0), units="mm", scale=10, decimals=0,
+            **written,
+        )
+    )  # fmt: skip
+    corner = (2.0 * np.cos(0.6), 2.0 * np.sin(0.6), 0.3)
+    scene.add(
+        rj.radius_dimension(middle, (-1.6, 1.2, 0.3), units="mm", scale=10, decimals=1, **written)
+    )
+    scene.add(rj.angle_dimension(top, middle, corner, radius=1.4, **written))
+    camera = rj.OrthographicCamera(eye=(0, -0.3, 9), target=(0, -0.3, 0), height=5.4)
+    scene.lights = [rj.AmbientLight(intensity=1.0)]
+    return shown(scene, camera, size, quality=SMOOTH)
+
+
+@picture
 def labels(size: Size) -> Picture:
     """Parts of a teapot by their names; what is behind it is not told."""
     scene = teapot(rj.Material("phong", "#5d8aa8", specular=0.4))

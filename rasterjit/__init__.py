@@ -16,7 +16,8 @@ Scenes
     glTF cannot hold. A `Skin` deforms a mesh with nodes, `MorphTargets` by weights. An `Animation`
     of `Channel` moves nodes, and ``scene.at(time)`` is the scene at a time of it. A `Joint` of
     ``scene.joints`` (`Joints`) rotates or shifts a robot's link.
-    `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are ready-made `Lines`.
+    `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are ready-made `Lines`;
+    `length_dimension`, `angle_dimension` and `radius_dimension` say what they measure.
     `Material` and `Texture` define how surfaces look, `Colormap` and `Contours` how scalars do.
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `EyeDome`, `Outline`,
@@ -112,6 +113,7 @@ _NAMES_BY_MODULE = {
     "scene.camera": "MatrixCamera OrthographicCamera PerspectiveCamera",
     "scene.colormap": "Colormap",
     "scene.contours": "Contours",
+    "scene.dimensions": "angle_dimension length_dimension radius_dimension",
     "scene.environment": "Environment",
     "scene.eye_dome": "EyeDome",
     "scene.fog": "Fog",

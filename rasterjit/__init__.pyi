@@ -40,6 +40,7 @@ from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, Perspective
 from rasterjit.scene.camera_fitting import fit_camera, orbit_direction
 from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.contours import Contours
+from rasterjit.scene.dimensions import angle_dimension, length_dimension, radius_dimension
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
@@ -137,6 +138,7 @@ __all__ = [
     "Vignette",
     "Wireframe",
     "accuracy",
+    "angle_dimension",
     "animation",
     "cameras",
     "cross_section",
@@ -147,6 +149,7 @@ __all__ = [
     "explode",
     "fit_camera",
     "grid",
+    "length_dimension",
     "line_drawing",
     "load",
     "load_cameras",
@@ -154,6 +157,7 @@ __all__ = [
     "oracle",
     "orbit_direction",
     "profile",
+    "radius_dimension",
     "rasterize",
     "render",
     "render_batch",

@@ -701,6 +701,11 @@ ELSEWHERE = {
     "SaveWarning": "a warning of Scene.save; tests/io hold it",
     "QualityChoice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
+    **dict.fromkeys(
+        ("length_dimension", "angle_dimension", "radius_dimension"),
+        "descriptions; tests/scene/test_dimensions.py refuses their bad input",
+    ),
+    "explode": "it moves nodes; tests/inspect/test_exploded_view.py refuses its bad input",
     "cross_section": "it cuts as render does; its tests refuse bad input",
     "CrossSection": "what cross_section returns",
     "line_drawing": "it projects as render does; tests/hidden_lines refuse its bad input",

@@ -341,6 +341,7 @@ ALLOWED = {
     ("survey/cross_sections.py", "fsum"): "rounded once, in whatever order",
     ("survey/cap_overlaps.py", "fsum"): "rounded once, in whatever order",
     ("survey/cap_overlaps.py", "sum"): "whole numbers: counts of vertices",
+    ("scene/dimensions.py", "dot"): "our own, three terms of Python",
     ("inspect/exploded_view.py", "dot"): "our own, three terms of Python",
     ("inspect/cross_section.py", "fsum"): "rounded once, in whatever order",
     ("hidden_lines/helvetica.py", "sum"): "whole numbers: widths of characters",
