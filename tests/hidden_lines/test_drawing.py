@@ -121,6 +121,16 @@ def test_lines_are_drawn_and_points_are_named():
         assert (rj.line_drawing(scene, camera).kinds == "line").sum() == 4
 
 
+def test_dimensions_are_lines_and_texts_of_a_drawing():
+    scene = box_scene()
+    scene.add(rj.length_dimension((-1, -1, 1), (1, -1, 1), offset=(0, -0.5, 0), units="mm"))
+    camera = rj.OrthographicCamera(eye=(0, 0, 5), target=(0, 0, 0), height=4.0)
+    found = rj.line_drawing(scene, camera, (64, 64))
+    assert found.visible[found.kinds == "line"].all()
+    ((label, place),) = found.labels
+    assert (label.text, place) == ("2.00 mm", (32.0, 56.0))
+
+
 def test_labels_are_where_the_camera_sees_them_unless_hidden(drawing):
     assert [label.text for label, _ in drawing.labels] == ["size <1 (2)\nΩ", "corner"]
     camera = rj.fit_camera(box_scene())
