@@ -37,8 +37,8 @@ print(json.dumps(sorted((shorten_module_name(module), name) for module, _, name 
 
 OF_EVERY_SCENE = {
     "attributes", "barycentric_weights", "binning", "gather_samples", "hierarchical_z",
-    "light_stages", "pack_arguments", "projection", "setup", "srgb_encoding", "stage_runner",
-    "tile_rasterizer", "triangle_batches",
+    "light_stages", "pack_arguments", "projection", "scene_placement", "setup", "srgb_encoding",
+    "stage_runner", "tile_rasterizer", "triangle_batches",
 }  # fmt: skip
 """Kernel files that a lit mesh needs; all others belong to effects, buffers or edges."""
 
