@@ -168,6 +168,27 @@ def test_parts_that_intersect_have_a_crease():
     assert drawn[:-1][meeting].all()
 
 
+@pytest.mark.parametrize("lines_by", ["bresenham", "coverage"])
+def test_slivers_narrower_than_a_pixel_hide_no_crease(lines_by):
+    """A wedge, and one whose ridge is a strip: its sides have no corner in common."""
+    pictures = []
+    for half in (0.0, 2e-4):
+        ridge = [(-half, 0.0, -1.0), (-half, 0.0, 1.0), (half, 0.0, -1.0), (half, 0.0, 1.0)]
+        ends = [(-1.0, -1.0, -1.0), (-1.0, -1.0, 1.0), (1.0, -1.0, -1.0), (1.0, -1.0, 1.0)]
+        faces = [(0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 1, 3), (0, 3, 2)]
+        mesh = rj.Mesh(ridge + ends, faces if half else faces[:4])
+        scene = scene_of(mesh, edges="crease")
+        frame = rj.render(
+            scene, looking((0.4, 3.0, 4.0)), size=(200, 150), quality=rj.Quality(lines=lines_by)
+        )
+        scene.outline = None
+        bare = rj.render(scene, looking((0.4, 3.0, 4.0)), size=(200, 150))
+        pictures.append((frame.color != bare.color).any(axis=2))
+    plain, sliver = pictures
+    assert plain.sum() > 40
+    assert (plain != sliver).sum() <= 4
+
+
 def test_round_shapes_have_no_creases(sphere):
     rows, columns = 60, 90
     polar, around = np.mgrid[1:rows, 0:columns]

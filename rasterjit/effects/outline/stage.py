@@ -40,6 +40,9 @@ Largest number of faces of one surface between neighbouring pixels, if they bend
 So a face that is seen edge-on, whose slope is meaningless, hides no jump.
 """
 
+MIN_WIDTH = 2.0
+"""Pixels: faces that are wider meet at a crease even if they have no corner in common."""
+
 TINY = np.float32(1e-30)
 """Added to divisors; the matrix has entries up to 1."""
 
@@ -150,16 +153,35 @@ def share_corner(face, other, faces, positions):
 
 
 @helper
-def is_crease(difference, slope, face, other, cosine, min_cosine, faces, positions):
+def is_wide(face, geometry):
+    """Return whether a face is `MIN_WIDTH` pixels wide on the screen, across its longest side."""
+    a, b, c = get_face_vertices(geometry.faces, face)
+    if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & (CLIPPED | INVALID):
+        return False
+    xy = geometry.xy
+    ux, uy = np.float64(xy[b, 0] - xy[a, 0]), np.float64(xy[b, 1] - xy[a, 1])
+    vx, vy = np.float64(xy[c, 0] - xy[a, 0]), np.float64(xy[c, 1] - xy[a, 1])
+    longest = max(ux * ux + uy * uy, vx * vx + vy * vy)
+    longest = max(longest, (vx - ux) * (vx - ux) + (vy - uy) * (vy - uy))
+    area = ux * vy - uy * vx
+    width = MIN_WIDTH * np.float64(np.int64(1) << geometry.viewport.grid_bits)
+    return area * area >= width * width * longest
+
+
+@helper
+def is_crease(difference, slope, face, other, cosine, min_cosine, geometry, positions):
     """
     Return whether two faces meet at an angle.
 
-    If they bend toward the viewer, they may also intersect; if away, they must have a corner in
-    common, for the end of what is round bends as much from one pixel to the next.
+    If they bend toward the viewer, they may also intersect. If away, they must have a corner in
+    common, or be so wide that only a sliver can lie between them: the end of what is round bends as
+    much from one pixel to the next.
     """
     if not cosine < min_cosine:
         return False
-    return difference > slope or share_corner(face, other, faces, positions)
+    if difference > slope or share_corner(face, other, geometry.faces, positions):
+        return True
+    return is_wide(face, geometry) and is_wide(other, geometry)
 
 
 @helper
@@ -184,7 +206,7 @@ def is_jump(difference, s, t, m, n, slope_row):
 @helper
 def find_edge(
     m, n, slope_row, face, other, depth, other_depth, s, t, owner, other_owner, kinds,
-    min_cosine, faces, positions,
+    min_cosine, geometry, positions,
 ):  # fmt: skip
     """Return -1 for an edge drawn on this pixel, 1 for one on the other pixel, 0 for none."""
     if other_owner < 0 or owner < 0:
@@ -200,7 +222,7 @@ def find_edge(
     if kinds & CREASE and owner == other_owner:
         cosine = compute_cosine(s, t, m, n)
         if is_crease(
-            difference, s[slope_row, m], face, other, cosine, min_cosine, faces, positions
+            difference, s[slope_row, m], face, other, cosine, min_cosine, geometry, positions
         ):
             return -1
     return 0
@@ -239,7 +261,7 @@ def find_edges(
     """
     height, width = face_id.shape
     scratch_rows, owners = scratch
-    corners, positions = geometry.faces, placement.positions
+    positions = placement.positions
     v = placement.toward_viewer
     viewer = np.float32(v[0]), np.float32(v[1]), np.float32(v[2]), np.float32(v[3])
     slack, float32_cosine = np.float32(snap_slack), np.float32(min_cosine)
@@ -257,7 +279,7 @@ def find_edges(
                 side = find_edge(
                     i, i, SLOPE_Y, np.int64(face_id[row - 1, i]), face, depth[row - 1, i],
                     depth[row, i], t, s, previous_owners[i], row_owners[i], kinds, float32_cosine,
-                    corners, positions,
+                    geometry, positions,
                 )  # fmt: skip
                 if side != 0:
                     marks[row - 1 if side < 0 else row, i] = 1
@@ -265,7 +287,7 @@ def find_edges(
             if row < rows[1] and j < width and face_id[row, j] != face:
                 side = find_edge(
                     i, j, SLOPE_X, face, np.int64(face_id[row, j]), depth[row, i], depth[row, j], s,
-                    s, row_owners[i], row_owners[j], kinds, float32_cosine, corners, positions,
+                    s, row_owners[i], row_owners[j], kinds, float32_cosine, geometry, positions,
                 )  # fmt: skip
                 if side != 0:
                     marks[row, i if side < 0 else j] = 1

@@ -216,7 +216,7 @@ def find_crossing(
     """Return where an edge crosses between a pixel's centre and the next one's; 0: nowhere."""
     side = find_edge(
         m, n, slope_row, face, other, depth, other_depth, s, t, owner, other_owner, kinds,
-        min_cosine, geometry.faces, positions,
+        min_cosine, geometry, positions,
     )  # fmt: skip
     if side == 0:
         return np.float32(0.0)
@@ -232,7 +232,7 @@ def find_crossing(
         # Faces that are as good as edge-on: the depths differ, and yet nothing ends.
         cosine = compute_cosine(s, t, m, n)
         if kinds & CREASE and is_crease(
-            difference, s[slope_row, m], face, other, cosine, min_cosine, geometry.faces, positions
+            difference, s[slope_row, m], face, other, cosine, min_cosine, geometry, positions
         ):
             return cross_meeting(face, other, True, planes, origin, axis, geometry, twins)
         return np.float32(0.0)
