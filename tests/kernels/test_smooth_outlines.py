@@ -7,6 +7,7 @@ import math
 import naive_lines
 import numpy as np
 import pytest
+import trimesh
 
 import rasterjit as rj
 from rasterjit.effects.outline import tracing
@@ -267,3 +268,15 @@ def test_sides_of_three_faces_at_an_edge_follow_in_a_ring():
     twins = find_twins(vertices, np.array([(0, 1, 2), (1, 0, 3), (0, 1, 4)], np.int32))
     assert twins[:, 0].tolist() == [3, 6, 0]
     assert (twins[:, 1:] == NO_TWIN).all()
+
+
+def test_rims_of_bores_in_fine_meshes_are_whole():
+    """Pixels at the rim show faces of the top and of the bore that have no corner in common."""
+    part = trimesh.creation.annulus(0.4, 1.0, 0.8, sections=64).subdivide().subdivide()
+    camera = rj.PerspectiveCamera((0.3, -3.0, 2.0), (0.0, 0.0, 0.0), up=(0, 0, 1), fov_y=40.0)
+    edges = ("silhouette", "crease")
+    inked = shares(scene_of(part, edges=edges), camera, (160, 120)) > 0.2
+    around = np.linspace(0.0, 2.0 * np.pi, 400)
+    rim = np.stack([0.4 * np.cos(around), 0.4 * np.sin(around), np.full(400, 0.4)], axis=1)
+    for x, y in project(rim, camera, (160, 120)).astype(int):
+        assert inked[y - 1 : y + 2, x - 1 : x + 2].any(), (x, y)

@@ -31,7 +31,13 @@ from rasterjit.effects.outline.stage import (
     is_jump,
 )
 from rasterjit.effects.wireframe.strokes import REACH_PX, approach_piece, cover_rows, start_rows
-from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, get_picture_size
+from rasterjit.pipeline.geometry.barycentric import compute_face_normal
+from rasterjit.pipeline.geometry.setup import (
+    CLIPPED,
+    INVALID,
+    get_face_vertices,
+    get_picture_size,
+)
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int32, int64
@@ -51,6 +57,12 @@ A surface that goes on farther would be seen there; holes of a mask may be in it
 
 UNKNOWN, ONE_SURFACE = -1.0, -2.0
 """In place of where a surface ends between two pixels: nothing tells, or it does not."""
+
+CREASED = -3.0
+"""Less the place of a crease on the way, in place of where a surface ends."""
+
+NO_CREASES = np.float32(-2.0)
+"""Cosine that no angle is below."""
 
 MAX_STEPS = 256
 """Most faces that are walked over between two pixels."""
@@ -125,11 +137,23 @@ def leave_face(places):
 
 
 @helper
-def find_end(face, target, origin, axis, sign, geometry, twins):
+def turns(face, other, creases, faces):
+    """Return whether two faces have normals whose cosine is below that of creases."""
+    owner, min_cosine, placement = creases
+    x, y, z = compute_face_normal(*get_face_vertices(faces, face), owner, placement)
+    u, v, w = compute_face_normal(*get_face_vertices(faces, other), owner, placement)
+    is_known = (x * x + y * y + z * z > 0.0) & (u * u + v * v + w * w > 0.0)
+    return is_known & (x * u + y * v + z * w < min_cosine)
+
+
+@helper
+def find_end(face, target, origin, axis, sign, geometry, twins, creases):
     """
     Return how far from a pixel's centre, 0..1, its surface ends toward a neighbour.
 
-    `UNKNOWN` if nothing tells; `ONE_SURFACE` if it goes on to the face that the neighbour shows.
+    `UNKNOWN` if nothing tells; `ONE_SURFACE` if it goes on to the face that the neighbour shows;
+    `CREASED` less the place if a crease comes first. ``creases`` are the object, the largest cosine
+    between normals there (`NO_CREASES`: there are none) and the placement.
 
     The surface is cut by the plane through the eye along the row or the column: a chain of points
     that goes on until it turns back, or has no other face.
@@ -151,6 +175,8 @@ def find_end(face, target, origin, axis, sign, geometry, twins):
         twin = np.int64(twins[face, side])
         if twin < 0:
             return min(max(crossing, 0.0), 1.0)
+        if creases[1] > NO_CREASES and turns(face, twin // 3, creases, faces):
+            return CREASED - min(max(crossing, 0.0), 1.0)
         face, side = twin // 3, twin % 3
         first = locate(faces[face, side], origin, axis, sign, geometry)
         second = locate(faces[face, (side + 1) % 3], origin, axis, sign, geometry)
@@ -186,23 +212,23 @@ def encode_crossing(place, kind):
 
 
 @helper
-def find_end_between(side, face, other, origin, axis, geometry, twins):
+def find_end_between(side, face, other, origin, axis, geometry, twins, creases):
     """Return `find_end` from the first of two pixels if ``side`` is below 0, else the second."""
     if side < 0:
-        return find_end(face, other, origin, axis, 1.0, geometry, twins)
+        return find_end(face, other, origin, axis, 1.0, geometry, twins, creases)
     column, row = origin
     there = (column + 1, row) if axis == 0 else (column, row + 1)
-    place = find_end(other, face, there, axis, -1.0, geometry, twins)
+    place = find_end(other, face, there, axis, -1.0, geometry, twins, creases)
     return 1.0 - place if place >= 0.0 else place
 
 
 @helper
-def cross_meeting(face, other, is_crease, planes, origin, axis, geometry, twins):
+def cross_meeting(face, other, is_crease, planes, origin, axis, geometry, twins, creases):
     """Return the crossing where two surfaces meet: where one ends there, or their planes cross."""
     depth, other_depth, slope, other_slope = planes
     if not is_crease:
         for side in (-1, 1):
-            place = find_end_between(side, face, other, origin, axis, geometry, twins)
+            place = find_end_between(side, face, other, origin, axis, geometry, twins, creases)
             if place >= 0.0:
                 return encode_crossing(place, MEETING)
     return encode_crossing(meet_planes(depth, other_depth, slope, other_slope), MEETING)
@@ -211,30 +237,40 @@ def cross_meeting(face, other, is_crease, planes, origin, axis, geometry, twins)
 @helper
 def find_crossing(
     m, n, slope_row, origin, axis, face, other, depth, other_depth, s, t, owner, other_owner, kinds,
-    min_cosine, geometry, positions, twins,
+    min_cosine, geometry, placement, twins,
 ):  # fmt: skip
     """Return where an edge crosses between a pixel's centre and the next one's; 0: nowhere."""
+    positions = placement.positions
     side = find_edge(
         m, n, slope_row, face, other, depth, other_depth, s, t, owner, other_owner, kinds,
         min_cosine, geometry, positions,
     )  # fmt: skip
-    if side == 0:
-        return np.float32(0.0)
     difference = other_depth - depth
-    planes = depth, other_depth, s[slope_row, m], t[slope_row, n]
     is_seen = owner >= 0 and other_owner >= 0
-    if is_seen and not is_jump(difference, s, t, m, n, slope_row):
+    is_meeting = is_seen and not is_jump(difference, s, t, m, n, slope_row)
+    if side == 0:
+        # Fine faces may lie between two that have no corner in common.
+        if not (kinds & CREASE and is_meeting and owner == other_owner):
+            return np.float32(0.0)
+        if not compute_cosine(s, t, m, n) < min_cosine:
+            return np.float32(0.0)
+        creases = np.int64(owner), min_cosine, placement
+        place = find_end_between(-1, face, other, origin, axis, geometry, twins, creases)
+        return encode_crossing(CREASED - place, MEETING) if place <= CREASED else np.float32(0.0)
+    creases = np.int64(owner), NO_CREASES, placement
+    planes = depth, other_depth, s[slope_row, m], t[slope_row, n]
+    if is_meeting:
         return cross_meeting(
-            face, other, owner == other_owner, planes, origin, axis, geometry, twins
+            face, other, owner == other_owner, planes, origin, axis, geometry, twins, creases
         )
-    place = find_end_between(side, face, other, origin, axis, geometry, twins)
+    place = find_end_between(side, face, other, origin, axis, geometry, twins, creases)
     if place == ONE_SURFACE:
         # Faces that are as good as edge-on: the depths differ, and yet nothing ends.
         cosine = compute_cosine(s, t, m, n)
         if kinds & CREASE and is_crease(
             difference, s[slope_row, m], face, other, cosine, min_cosine, geometry, positions
         ):
-            return cross_meeting(face, other, True, planes, origin, axis, geometry, twins)
+            return cross_meeting(face, other, True, planes, origin, axis, geometry, twins, creases)
         return np.float32(0.0)
     kind = NEARER if side < 0 else FARTHER
     return encode_crossing(place if place >= 0.0 else HALF_WAY, kind)
@@ -284,7 +320,7 @@ def find_crossings(
                         i, i, SLOPE_Y, (np.int64(i), above), 1, np.int64(face_id[above, i]),
                         np.int64(face_id[row, i]), depth[above, i], depth[row, i], t, s,
                         previous_owners[i], row_owners[i], kinds, float32_cosine, geometry,
-                        placement.positions, twins,
+                        placement, twins,
                     )  # fmt: skip
         if row < rows[1]:
             for i in range(np.uintp(width)):
@@ -295,7 +331,7 @@ def find_crossings(
                         i, j, SLOPE_X, (np.int64(i), row), 0, np.int64(face_id[row, i]),
                         np.int64(face_id[row, j]), depth[row, i], depth[row, j], s, s,
                         row_owners[i], row_owners[j], kinds, float32_cosine, geometry,
-                        placement.positions, twins,
+                        placement, twins,
                     )  # fmt: skip
     if rows[1] >= height:
         for i in range(np.uintp(width)):
