@@ -109,7 +109,7 @@ def draw_colorbar(
     font : str or path, optional
         As `Label` takes it.
     unit : str
-        Behind the note.
+        Behind the title in parentheses; behind the note where there is one.
     extend : {"neither", "min", "max", "both"}, optional
         Which ends are arrows. Default: those that values lie beyond.
     font_size : int, optional
@@ -124,7 +124,8 @@ def draw_colorbar(
 
     if font_size is None:
         font_size = max(MIN_FONT_SIZE, round(FONT_SIZE_SHARE * height))
-    bar, ticks = _fit_bar(scale, height, font_size, bool(title), unit, _find_arrows(scale, extend))
+    arrows = _find_arrows(scale, extend)
+    bar, ticks, title = _fit_bar(scale, height, font_size, title, unit, arrows)
     # Find the width that the labels need.
     side_texts = [*ticks.texts, *(["NaN"] if scale.nan_color is not None else [])]
     text_left = bar.right + font_size
@@ -180,19 +181,20 @@ def _fit_bar(
     scale: ColorScale,
     height: int,
     font_size: int,
-    has_title: bool,
+    title: str,
     unit: str,
     has_arrows: tuple[bool, bool],
-) -> tuple[_Bar, Ticks]:
-    """Return the place of a bar, and the ticks that it has room for."""
+) -> tuple[_Bar, Ticks, str]:
+    """Return the place of a bar, the ticks that it has room for, and its title with the unit."""
     arrows = int(has_arrows[0]) * font_size, int(has_arrows[1]) * font_size
-    top, bottom = font_size * (3 if has_title else 1) + arrows[1], height - font_size - arrows[0]
+    top, bottom = font_size * (3 if title else 1) + arrows[1], height - font_size - arrows[0]
     if scale.nan_color is not None:
         bottom -= 2 * font_size
-    top += 2 * font_size if unit else 0
+    is_unit_alone = bool(unit) and not title
+    top += 2 * font_size if is_unit_alone else 0
     ticks = make_ticks(scale, _max_intervals(bottom - top, font_size))
     # A note above the bar shortens it, so ticks are chosen again.
-    if ticks.note and not unit:
+    if ticks.note and not is_unit_alone:
         top += 2 * font_size
         ticks = make_ticks(scale, _max_intervals(bottom - top, font_size))
     bottom = max(bottom, top + 1)
@@ -201,8 +203,11 @@ def _fit_bar(
     if len(ticks.values) < 2 and high > low and not has_names and bottom - top >= 2 * font_size:
         # A bar too short for round numbers says where it ends.
         ticks = Ticks([low, high], [f"{end:.{MAX_DIGITS}g}" for end in (low, high)])
-    ticks = ticks._replace(note=f"{ticks.note} {unit}".strip())
-    return _Bar(font_size, font_size + round(1.2 * font_size), top, bottom, arrows), ticks
+    if title and unit and not ticks.note:
+        title = f"{title} ({unit})"
+    else:
+        ticks = ticks._replace(note=f"{ticks.note} {unit}".strip())
+    return _Bar(font_size, font_size + round(1.2 * font_size), top, bottom, arrows), ticks, title
 
 
 def _bar_colors(scale: ColorScale, bar: _Bar) -> NDArray[np.uint8]:

@@ -200,6 +200,7 @@ def test_a_bar_is_saved_beside_the_picture(tmp_path):
     shown.save(tmp_path / "c.png", colorbar="Height, m")
     titled = np.array(Image.open(tmp_path / "c.png").convert("RGBA"))
     assert np.array_equal(titled[:, SIZE[0] :], shown.colorbar("Height, m"))
+    assert np.array_equal(shown.colorbar("Height", unit="m"), shown.colorbar("Height (m)"))
     for name, outputs in (("b.npz", None), ("b.png", "depth")):
         depth = rj.render(field(), size=SIZE, outputs=("color", "depth"), threads=1)
         with pytest.raises(ValueError, match="colorbar must be False"):
