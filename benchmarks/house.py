@@ -45,9 +45,9 @@ NO_CODE = {
 }  # fmt: skip
 
 MAX_TYPE_ERRORS = {
-    "accuracy": 22, "animation": 8, "cli": 26, "compat": 52, "dataset": 6,
-    "distributed": 6, "effects": 36, "forks": 1, "inspect": 29, "kernels": 12, "pipeline": 16,
-    "runtime": 19, "styles": 2, "survey": 38, "viewer": 62,
+    "accuracy": 22, "animation": 7, "cli": 26, "compat": 52, "dataset": 6,
+    "distributed": 6, "effects": 32, "forks": 1, "inspect": 29, "kernels": 12, "pipeline": 16,
+    "runtime": 19, "styles": 2, "survey": 35, "viewer": 60,
 }  # fmt: skip
 """How many errors mypy may find in a room, in files of kernels together; in others none. These
 numbers only shrink: whoever mends some writes down what is left."""

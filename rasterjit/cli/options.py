@@ -903,7 +903,7 @@ def apply_style(
         # Single settings change those of the style; a named quality replaces them.
         of_style = None if is_given("preset") else style.quality
         style = style.with_quality(effects.quality(of_style))
-    if effects.style in STYLES_WITH_OUTLINES:
+    if effects.style in STYLES_WITH_OUTLINES and style.scene.outline is not None:
         changes = effects.outline_changes()
         style.scene.outline = dataclasses.replace(style.scene.outline, **changes)
     return style

@@ -65,8 +65,9 @@ class BoxMeasures(NamedTuple):
 
     def select_views(self, views: int | list[int]) -> BoxMeasures:
         """Return the measures of one of N views, or of some."""
-        *measures, ends = self
-        return BoxMeasures(*(measure[..., views, :] for measure in measures), ends[views])
+        return BoxMeasures._make(
+            part[views] if part is self.ends else part[..., views, :] for part in self
+        )
 
     def may_cross(self, near: float | Float64, far: float | Float64) -> NDArray[np.bool_]:
         """Tell which objects may cross a plane; arguments as `Boxes.may_cross`, or (N, 1)."""
@@ -367,7 +368,7 @@ class ObjectTransforms(NamedTuple):
     """(O,): -1 where the transform turns faces inside out, else 1."""
 
 
-def transform_objects(matrices: Sequence[NDArray[np.float64]]) -> ObjectTransforms:
+def transform_objects(matrices: Sequence[Float64] | Float64) -> ObjectTransforms:
     """Return the world transforms of objects, given ``world_from_model``, (4, 4), of each."""
     count = len(matrices)
     nothing = np.full((count, 4, 4), np.nan), np.empty((count, 3, 3)), np.empty(count)
@@ -375,7 +376,7 @@ def transform_objects(matrices: Sequence[NDArray[np.float64]]) -> ObjectTransfor
 
 
 def move_objects(
-    old: ObjectTransforms, matrices: Sequence[NDArray[np.float64]], moved: Sequence[int]
+    old: ObjectTransforms, matrices: Sequence[Float64] | Float64, moved: Sequence[int]
 ) -> ObjectTransforms:
     """
     Return `transform_objects` of all objects, computing only those that moved.
