@@ -5,6 +5,7 @@ Two triangles pierce each other where both have corners on both sides of the oth
 parts of the planes' common line that lie in each have a part in common. Corners nearer to a plane
 than a tolerance lie in it, and count as in front of it: so solids that touch from outside do not
 pierce each other, and where an edge of one solid lies in a face of another, one of its faces does.
+Where an edge of each lies along the line, there is none: so surfaces that coincide have no lines.
 
 References
 ----------
@@ -44,6 +45,12 @@ def find_sides(planes, corners, n, other, tolerance):
 def are_both_sides(sides):
     """Return whether some corners lie before a plane and others behind."""
     return max(sides[0], max(sides[1], sides[2])) >= 0.0 > min(sides[0], min(sides[1], sides[2]))
+
+
+@helper
+def have_edge_in_plane(sides):
+    """Return whether two corners or more lie in a plane."""
+    return (sides[0] == 0.0) + (sides[1] == 0.0) + (sides[2] == 0.0) >= 2
 
 
 @helper
@@ -95,6 +102,8 @@ def find_piercing(corners, vertices, planes, n, other, tolerance):
         return False, nowhere, nowhere
     other_sides = find_sides(planes, corners, other, n, tolerance)
     if not are_both_sides(other_sides):
+        return False, nowhere, nowhere
+    if have_edge_in_plane(sides) and have_edge_in_plane(other_sides):
         return False, nowhere, nowhere
     a, b = cut_by_plane(corners, vertices, n, sides)
     c, d = cut_by_plane(corners, vertices, other, other_sides)

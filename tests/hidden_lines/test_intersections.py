@@ -28,11 +28,15 @@ def cross(a, b):
     return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
 
 
+def find_sides(triangle, plane):
+    """Return on which side of another's plane the corners of a triangle lie, exactly."""
+    normal = cross(subtract(plane[1], plane[0]), subtract(plane[2], plane[0]))
+    return [dot(normal, subtract(corner, plane[0])) for corner in triangle]
+
+
 def cut(triangle, plane):
     """Return both ends of a triangle's cut by another's plane, which counts as in front."""
-    normal = cross(subtract(plane[1], plane[0]), subtract(plane[2], plane[0]))
-    sides = [dot(normal, subtract(corner, plane[0])) for corner in triangle]
-    ends = []
+    sides, ends = find_sides(triangle, plane), []
     for k in range(3):
         if (sides[k] >= 0) != (sides[k - 1] >= 0):
             along = Fraction(sides[k], sides[k] - sides[k - 1])
@@ -45,6 +49,8 @@ def naive_piercing(one, other):
     """Return both ends of the line along which triangles pierce each other, in fractions."""
     first, second = cut(one, other), cut(other, one)
     if not first or not second:
+        return None
+    if all(find_sides(*pair).count(0) >= 2 for pair in ((one, other), (other, one))):
         return None
     # Both lie on one line, along which points have an order.
     start, stop = max(min(first), min(second)), min(max(first), max(second))
@@ -111,6 +117,14 @@ def test_solids_that_touch_have_no_such_line():
     for place in ((0, 0, 1), (1, 0, 0), (1, 1, 0), (0.5, 0.25, 1), (0, 0, 1 - 1e-8)):
         assert len(drawn((box, (0, 0, 0)), (box, place)).segments) == 0
     assert len(drawn((box, (0, 0, 0)), (box, (0.5, 0.25, 0.9))).segments) > 0
+
+
+@pytest.mark.parametrize("turned", [0.0, 10.0])
+def test_surfaces_that_coincide_have_no_such_line(turned):
+    turn = trimesh.transformations.rotation_matrix(np.radians(turned), (1, 2, 3))
+    for mesh in (trimesh.creation.icosphere(2), trimesh.creation.cylinder(0.7, 2.0, sections=24)):
+        mesh.apply_transform(turn)
+        assert len(drawn((mesh, (0, 0, 0)), (mesh, (0, 0, 0))).segments) == 0
 
 
 def test_they_are_drawn_unless_other_edges_are_asked_for():
