@@ -16,6 +16,7 @@ from rasterjit.cli import program, report
 from rasterjit.cli.option_types import FiniteType, file_type, lens_type, outputs_type
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
+    PAINT_OPTIONS,
     QUALITY_OPTIONS,
     RenderOptions,
     apply_style,
@@ -34,6 +35,7 @@ from rasterjit.interrupts import raise_if_interrupted
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.lens import Lens
+    from rasterjit.scene.outline import Outline
 
 PNG = ".png"
 
@@ -42,7 +44,8 @@ LINE_STYLES = ("technical", "wireframe")
 
 NOT_OF_LINES = (
     "lens", "outputs", "depth_file", "scale", "mask_file", "mask_of", "colorbar", "diagnose",
-    "stats", "cull",
+    "stats", "cull", "light", "shadows", "environment", "ambient_occlusion", "eye_dome", "tone_map",
+    "exposure", "vignette", "wireframe", "wireframe_color", "section_lines", *PAINT_OPTIONS,
 )  # fmt: skip
 """Options that have no effect on line drawings."""
 
@@ -322,8 +325,18 @@ def draw_lines(file: Path, output: Path, asked: PictureOptions, shown: RenderOpt
         drawing = line_drawing(
             styled.scene, styled.camera, size, edges=kinds, threads=asked.threads
         )
-        drawing.save(output, background=asked.background)
+        drawing.save(output, background=asked.background, **_choose_pens(styled.scene.outline))
     if not asked.quiet:
         seconds = time.perf_counter() - start
         lines = drawing.visible.tolist().count(True)
         report.say(f"wrote {output}  {size[0]}x{size[1]} points  {lines:,} lines  {seconds:.2f} s")
+
+
+def _choose_pens(outline: Outline | None) -> dict[str, Any]:
+    """Return how options say that lines are drawn; without them, as `LineDrawing.save` does."""
+    if outline is None:
+        return {}
+    pens: dict[str, Any] = {"hidden": outline.hidden, "dash": outline.dash}
+    if is_given("outline_width"):
+        pens["width"] = outline.width
+    return pens

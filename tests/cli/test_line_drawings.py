@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,17 @@ def test_the_file_is_that_of_the_style(tmp_path, style):
         (("--samples", "4"), "--samples has no effect here"),
         (("--outputs", "depth"), "--outputs has no effect here"),
         (("--lens", "fisheye:0,0,0,0"), "--lens has no effect here"),
+        (("--shadows",), "--shadows has no effect here"),
+        (("--tone-map", "aces"), "--tone-map has no effect here"),
+        (("--environment", "sky"), "--environment has no effect here"),
+        (("--light", "sun"), "--light has no effect here"),
+        (("--ambient-occlusion",), "--ambient-occlusion has no effect here"),
+        (("--vignette", "0.5"), "--vignette has no effect here"),
+        (("--exposure", "1"), "--exposure has no effect here"),
+        (("--shading", "flat"), "--shading has no effect here"),
+        (("--color", "red"), "--color has no effect here"),
+        (("--wireframe", "only"), "--wireframe has no effect here"),
+        (("--wireframe-color", "red"), "--wireframe-color has no effect here"),
     ],
 )
 def test_what_is_no_line_is_refused(tmp_path, options, words):
@@ -47,6 +59,19 @@ def test_what_is_no_line_is_refused(tmp_path, options, words):
     assert result.exit_code == 2
     assert words in result.output
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("style", ["technical", "wireframe"])
+def test_options_of_outlines_are_those_of_lines(tmp_path, style):
+    place = tmp_path / "a.svg"
+    options = ("--hidden-lines", "--outline-width", "3", "--outline", "red")
+    result = run("render", CUBE, "-o", place, "--size", "200x150", "--style", style, *options)
+    assert result.exit_code == 0, result.output
+    groups = re.findall(
+        r'<g class="(\w+)".*stroke="(#\w+)" stroke-width="(\d+)"', place.read_text()
+    )
+    assert groups[0] == ("hidden", "#ff0000", "3")
+    assert {group[1:] for group in groups} == {("#ff0000", "3")}
 
 
 def test_several_files_go_to_no_drawing(tmp_path):
