@@ -32,7 +32,7 @@ DEFAULT_KINDS: tuple[LineKind, ...] = (
 
 
 class FeatureEdges(NamedTuple):
-    """FeatureEdges of a scene."""
+    """Edges that are drawn as lines, each with its kind."""
 
     vertices: Int32
     """(E, 2), vertex numbers of the packed scene."""
@@ -62,6 +62,8 @@ class SurfaceFaces(NamedTuple):
     """(V,): the vertex that stands for all of an object at one position."""
     vertex_objects: Int64
     """(V,)."""
+    reaches: Float64
+    """(F,): largest coordinate of the corners about the object's own origin, along world axes."""
 
 
 def find_edges(
@@ -141,8 +143,9 @@ def collect_faces(
     used = positions[corners.ravel()] if len(corners) else np.ones((1, 3))
     scale = safe_scale(used.min(axis=0), used.max(axis=0))
     normals = compute_area_vectors(positions, corners.astype(np.int32), scale)
+    reaches = _measure_reaches(placement, vertex_objects)[corners].max(axis=1)
     return SurfaceFaces(
-        corners, owners, windings, normals, is_drawn, positions, merged, vertex_objects
+        corners, owners, windings, normals, is_drawn, positions, merged, vertex_objects, reaches
     )
 
 
@@ -152,6 +155,13 @@ def _transform(placement: Placement, vertex_objects: Int64) -> Float64:
     return np.stack(
         [dot_rows(positions, matrices[:, k, :3]) + matrices[:, k, 3] for k in range(3)], 1
     )
+
+
+def _measure_reaches(placement: Placement, vertex_objects: Int64) -> Float64:
+    """Return bounds of the coordinates about the objects' origins, (V,), along world axes."""
+    matrices = np.abs(placement.relative_from_model[vertex_objects, :3, :3])
+    positions = np.abs(placement.positions)
+    return np.stack([dot_rows(positions, matrices[:, k]) for k in range(3)]).max(axis=0)
 
 
 def _find_windings(geometry: Geometry, faces: Int64) -> Int64:

@@ -122,7 +122,7 @@ def find_piercings(
     faces: (int64, int64),
     triangles: (float64[:, ::1], int32[:, ::1], float64[:, ::1], float64[:, ::1]),
     ranges: int32[:, ::1], cells: (int64[::1], int32[::1]), grid: (int64, int64),
-    tolerance: float64, stamps: int32[::1], pairs: int32[:, ::1], lines: float64[:, ::1],
+    tolerances: float64[::1], stamps: int32[::1], pairs: int32[:, ::1], lines: float64[:, ::1],
     count: int64[::1],
 ):  # fmt: skip
     """
@@ -141,8 +141,9 @@ def find_piercings(
         The faces that may meet each cell.
     grid : (columns, rows)
         Of cells along x and y.
-    tolerance : float
-        Largest distance of touching faces, and largest length of a line that is none.
+    tolerances : (F,) float64
+        Largest distance of each face from one that it touches, and largest length of a line that is
+        none; of two faces the larger counts.
     stamps : (F,) int32
         Scratch memory, filled with -1.
     pairs : (M, 2) int32
@@ -175,7 +176,7 @@ def find_piercings(
                     if not do_boxes_meet(boxes, n, other) or share_vertex(vertices, n, other):
                         continue
                     pierces, start, stop = find_piercing(
-                        corners, vertices, planes, n, other, tolerance
+                        corners, vertices, planes, n, other, max(tolerances[n], tolerances[other])
                     )
                     if not pierces:
                         continue

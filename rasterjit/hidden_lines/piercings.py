@@ -12,7 +12,7 @@ from rasterjit.scene.arrays import Float64
 from rasterjit.scene.normals import unit_rows
 
 TOLERANCE = 2.0**-22
-"""Largest distance of faces that touch, relative to the scene: rounding of float32 positions."""
+"""Largest distance of faces that touch, relative to their reach: rounding of float32 positions."""
 
 GRID_UNITS = 1 << 24
 """Units of the grid of cells, along the longest side of the scene."""
@@ -41,8 +41,8 @@ def find_intersections(faces: SurfaceFaces, workers: Workers) -> tuple[FeatureEd
     ranges = np.ascontiguousarray(cells.ranges.reshape(-1, 6).astype(np.int32))
     pairs, lines = find_pairs(
         piercing_stage.find_piercings, len(corners),
-        (triangles, ranges, cells[:2], cells.counts[:2], TOLERANCE * size), (len(corners), 6),
-        workers,
+        (triangles, ranges, cells[:2], cells.counts[:2], TOLERANCE * faces.reaches),
+        (len(corners), 6), workers,
     )  # fmt: skip
     return _make_edges(faces, pairs), lines.reshape(-1, 3)
 

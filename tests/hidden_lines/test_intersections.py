@@ -65,7 +65,7 @@ def surface(corners):
     numbers, ones = np.arange(3 * count), np.ones(count, np.int64)
     return SurfaceFaces(
         numbers.reshape(-1, 3), ones, ones, normals, ones > 0, corners.reshape(-1, 3), numbers,
-        np.zeros(3 * count, np.int64),
+        np.zeros(3 * count, np.int64), np.abs(corners).max(axis=(1, 2)),
     )  # fmt: skip
 
 
@@ -125,6 +125,16 @@ def test_surfaces_that_coincide_have_no_such_line(turned):
     for mesh in (trimesh.creation.icosphere(2), trimesh.creation.cylinder(0.7, 2.0, sections=24)):
         mesh.apply_transform(turn)
         assert len(drawn((mesh, (0, 0, 0)), (mesh, (0, 0, 0))).segments) == 0
+
+
+def test_a_wide_ground_leaves_the_lines_of_small_solids():
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    wide = 1e7 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    ground = trimesh.Trimesh(wide, [[0, 1, 2], [0, 2, 3]], process=False)
+    alone = drawn((box, (0, 0, 0)), (box, (0.5, 0.25, 0.125)))
+    found = drawn((box, (0, 0, 0)), (box, (0.5, 0.25, 0.125)), (ground, (0, 0, -2)))
+    assert len(alone.segments) > 0
+    assert np.array_equal(found.segments, alone.segments)
 
 
 def test_they_are_drawn_unless_other_edges_are_asked_for():
