@@ -292,7 +292,7 @@ def line_drawing(
     - Objects that blend (``alpha_mode="blend"`` with an alpha below 1) or transmit light hide
       nothing, but their own edges are drawn. Holes of alpha masks are not seen.
     - A section cuts the scene first; its caps hide as faces do. Where solids overlap in it, the
-      outlines of both are drawn.
+      outlines of both are drawn. Caps have no hatching.
     - Faces that pierce each other hide each other's edges from where they pierce. The line along
       which they do so is an edge; where solids touch by what float32 rounds, there is none, nor
       where edges of both already lie along it, as of surfaces that coincide.
@@ -330,7 +330,7 @@ def line_drawing(
     Warns
     -----
     UserWarning
-        If the scene has points, which are not drawn.
+        If the scene has points, or a plane of its section a hatch, which are not drawn.
 
     Examples
     --------
@@ -350,7 +350,7 @@ def line_drawing(
     workers = Workers(check.thread_count("threads", threads))
     request = check_request(size, Quality(subpixel_bits=SUBPIXEL_BITS), ("face_id",), None, "none")
     planned = plan_frame(request, posed, camera)
-    _warn_of_points(planned)
+    _warn_of_what_is_left_out(planned)
     try:
         return _draw(planned, workers, kinds, angle, outline.color)
     finally:
@@ -378,12 +378,18 @@ def _check_kinds(value: Any) -> tuple[str, ...]:
     return tuple(kind for kind in KINDS if kind in kinds)
 
 
-def _warn_of_points(planned: PlannedFrame) -> None:
-    """Warn if there are objects of points."""
+def _warn_of_what_is_left_out(planned: PlannedFrame) -> None:
+    """Warn if there are objects of points, or hatchings of a section."""
     primitives = planned.cache.shapes.arrays.primitives
     count = len([one for one in primitives if one.kind == "points"])
     if count:
-        warn_caller(f"scene has {count} objects of points, which a line drawing leaves out")
+        objects = "1 object" if count == 1 else f"{count} objects"
+        warn_caller(f"scene has {objects} of points, which a line drawing leaves out")
+    planes = planes_in(planned.scene.section) if planned.scene.section is not None else ()
+    hatched = [str(n) for n, plane in enumerate(planes) if plane.hatch is not None and plane.cap]
+    if hatched:
+        which = f"plane{'s' if len(hatched) > 1 else ''} {', '.join(hatched)}"
+        warn_caller(f"scene.section has a hatch in {which}, which a line drawing leaves out")
 
 
 def _draw(

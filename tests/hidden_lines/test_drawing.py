@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
+import warnings
 import xml.etree.ElementTree as ET
 import zlib
 
@@ -117,8 +119,20 @@ def test_lines_are_drawn_and_points_are_named():
     assert is_line.sum() == 4
     assert (is_line & ~found.visible).sum() == 1
     scene.add(rj.Points([(0, 0, 0)]))
-    with pytest.warns(UserWarning, match="1 objects of points"):
+    with pytest.warns(UserWarning, match="scene has 1 object of points, which"):
         assert (rj.line_drawing(scene, camera).kinds == "line").sum() == 4
+
+
+def test_hatchings_that_are_left_out_are_named():
+    scene = box_scene()
+    plane = rj.SectionPlane((0, 0, 0), (0, 0, 1), hatch=8)
+    scene.section = [rj.SectionPlane((0.5, 0, 0), (1, 0, 0)), plane]
+    with pytest.warns(UserWarning, match="has a hatch in plane 1, which a line drawing leaves out"):
+        rj.line_drawing(scene)
+    scene.section = dataclasses.replace(plane, cap=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rj.line_drawing(scene)
 
 
 def test_dimensions_are_lines_and_texts_of_a_drawing():
