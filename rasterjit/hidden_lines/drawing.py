@@ -234,7 +234,7 @@ class _Pens:
             kind: check.positive_number(name, value)
             for kind, name, value in _by_kind("width", width, names)
         }
-        self.colors = dict.fromkeys(names, _to_codes(ink)) | {
+        self.colors = dict.fromkeys(names, _to_codes((*ink[:3], 1.0))) | {
             kind: _to_codes((*rgba(name, value)[:3], 1.0))
             for kind, name, value in _by_kind("color", color, names)
         }

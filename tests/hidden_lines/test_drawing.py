@@ -176,6 +176,15 @@ def test_svg_holds_paths_in_points_and_texts(drawing, tmp_path):
     assert len(list(root.iter(f"{SVG}rect"))) == 2
 
 
+def test_lines_are_opaque_whatever_the_alpha_of_outlines(tmp_path):
+    scene = box_scene()
+    scene.outline = rj.Outline((1.0, 0.0, 0.0, 0.5))
+    rj.line_drawing(scene).save(tmp_path / "a.svg")
+    text = (tmp_path / "a.svg").read_text()
+    assert 'stroke="#ff0000"' in text
+    assert "opacity" not in text
+
+
 def page_of(path):
     """Return the operators of a PDF's page, after a look at its table of objects."""
     content = path.read_bytes()
