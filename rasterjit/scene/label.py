@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import unicodedata
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -53,7 +54,8 @@ class Label:
         Model space of its node, in scene units: world space, if that stands at the origin. Nothing
         is drawn where it is behind the camera, or where the lens sees nothing.
     text : str
-        With line breaks between its lines; up to 1000 characters.
+        With line breaks between its lines; up to 1000 characters, no other control characters but
+        tabs.
     size : float
         Of an em, about a line's height, pixels of the finished picture; above 0, at most 512.
     anchor : str
@@ -80,8 +82,8 @@ class Label:
     Raises
     ------
     ValueError
-        If the position is not three finite numbers, the text empty or too long, the size not
-        above 0 or too large, the anchor unknown, or a colour is none.
+        If the position is not three finite numbers, the text empty, too long or with control
+        characters, the size not above 0 or too large, the anchor unknown, or a colour is none.
 
     Examples
     --------
@@ -128,7 +130,18 @@ def _check_text(value: Any) -> str:
         raise ValueError(f"text must have a character that is seen, got {check.short_repr(value)}")
     if len(value) > MAX_CHARACTERS:
         raise ValueError(f"text must have at most {MAX_CHARACTERS} characters, got {len(value)}")
+    for character in value:
+        if character not in "\n\t" and _is_control(character):
+            raise ValueError(
+                "text must have no control characters but line breaks and tabs, and no surrogates, "
+                f"got {character!a}"
+            )
     return value
+
+
+def _is_control(character: str) -> bool:
+    """Tell whether a character controls, is half of one, or is none, as XML refuses them."""
+    return unicodedata.category(character) in ("Cc", "Cs") or character in "\ufffe\uffff"
 
 
 def _check_size(value: Any) -> float:
