@@ -75,6 +75,9 @@ SUBPIXEL_BITS: Literal[12] = 12
 JOIN_STEPS = 256.0
 """Steps to the pixel in which two ends are one: what hides less of a line leaves it whole."""
 
+MIN_LENGTH = 0.001
+"""Least width of a line, and length of a dash or a gap, points: numbers have three places."""
+
 MAX_POINTS = 14400.0
 """Longest side of a page, points, that readers of PDF show."""
 
@@ -175,15 +178,15 @@ class LineDrawing:
             Pixels to the inch: the page is ``72 / dpi`` points to the pixel. With 72, a pixel is a
             point.
         width : float or mapping of str to float, optional
-            Of lines, points, whatever the ``dpi``: of all, or by their kind and ``"hidden"``.
-            Default: 1 for outlines and sections, 0.5 for creases, less for what is hidden and for
-            wireframes.
+            Of lines, points, 0.001..14400, whatever the ``dpi``: of all, or by their kind and
+            ``"hidden"``. Default: 1 for outlines and sections, 0.5 for creases, less for what is
+            hidden and for wireframes.
         color : colour or mapping of str to colour, optional
             Of lines, as ``width``; opaque. Default: that of the drawing.
         hidden : str
             ``"none"`` leaves hidden lines out, ``"dashed"`` dashes them.
         dash : (float, float)
-            Lengths of dashes and gaps of hidden lines, points.
+            Lengths of dashes and gaps of hidden lines, points, 0.001..14400.
         background : colour, optional
             Of the page. Default: none.
 
@@ -231,7 +234,7 @@ class _Pens:
     def __init__(self, ink: Any, width: Any, color: Any, dash: Any) -> None:
         names = (*KINDS, "hidden")
         self.widths = WIDTHS | {
-            kind: check.positive_number(name, value)
+            kind: _check_length(name, value)
             for kind, name, value in _by_kind("width", width, names)
         }
         self.colors = dict.fromkeys(names, _to_codes((*ink[:3], 1.0))) | {
@@ -241,7 +244,7 @@ class _Pens:
         pair = check.sequence("dash", dash)
         if len(pair) != 2:
             raise ValueError(f"dash must be the lengths of a dash and a gap, got {dash!r}")
-        first, second = (check.positive_number(f"dash[{n}]", value) for n, value in enumerate(pair))
+        first, second = (_check_length(f"dash[{n}]", value) for n, value in enumerate(pair))
         self.dash = first, second
 
     def make_stroke(self, kind: str, paths: list[Float64], scale: float) -> graphics.Stroke:
@@ -249,6 +252,11 @@ class _Pens:
         dash = self.dash if kind == "hidden" else None
         scaled = [scale * path for path in paths]
         return graphics.Stroke(kind, scaled, self.colors[kind], self.widths[kind], dash)
+
+
+def _check_length(name: str, value: Any) -> float:
+    """Return a length in points that files can hold, or raise ``ValueError``."""
+    return check.bounded_number(name, value, MIN_LENGTH, MAX_POINTS)
 
 
 def _by_kind(name: str, value: Any, kinds: Sequence[str]) -> list[tuple[str, str, Any]]:

@@ -238,7 +238,9 @@ def test_a_file_is_as_it_was_where_a_new_one_is_refused(drawing, tmp_path):
         ({"dpi": 0.0}, "dpi"), ({"dpi": 0.1}, "dpi must leave a page"), ({"width": -1.0}, "width"),
         ({"width": {"edge": 1.0}}, "width's kinds"), ({"width": {"crease": 0.0}}, "width.'crease'"),
         ({"color": "blu"}, "color"), ({"hidden": "dotted"}, "hidden"), ({"dash": (1.0,)}, "dash"),
-        ({"dash": (1.0, -1.0)}, r"dash\[1\]"), ({"background": "rd"}, "background"),
+        ({"dash": (1.0, -1.0)}, r"dash\[1\]"), ({"width": 1e-4}, r"width must be in 0\.001\.\."),
+        ({"dash": (1e-4, 1.0)}, r"dash\[0\] must be in 0\.001"),
+        ({"background": "rd"}, "background"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=words):
             drawing.save(place, **arguments)
