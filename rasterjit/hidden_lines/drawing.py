@@ -126,6 +126,8 @@ class LineDrawing:
         """
         Return lines joined where they continue.
 
+        Ends less than about 1/256 pixel apart are one; lines shorter than that are left out.
+
         Parameters
         ----------
         kind : str, optional
@@ -290,8 +292,9 @@ def line_drawing(
 
     Each edge is cut where faces begin and end to hide it, and each piece is decided exactly, for
     ends of edges and corners of faces on a grid of 1/4096 pixel: no depth buffer is sampled. A face
-    hides what it covers and is nearer than, if somewhere there it is nearer by more than that grid
-    and float64 round; so it does not hide its own edges, and lines in its plane.
+    hides the part of an edge that it covers and is in front of, if its lead exceeds rounding
+    somewhere there: that of the grid, and of float64. So it does not hide its own edges, and lines
+    in its plane.
 
     What hides, and what is an edge:
 

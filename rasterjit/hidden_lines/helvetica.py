@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import unicodedata
 
-ASCENT, DESCENT = 0.77, 0.23
-"""Height of a line above its baseline and depth below it, as shares of the size."""
+ASCENT = 0.77
+"""Height of a line above its baseline, as a share of the size."""
 
 PITCH = 1.15
 """Distance of baselines, as a share of the size."""
