@@ -306,7 +306,7 @@ def line_drawing(
       outlines of both are drawn. Caps have no hatching.
     - Faces that pierce each other hide each other's edges from where they pierce. The line along
       which they do so is an edge; where solids touch by what float32 rounds, there is none, nor
-      where edges of both already lie along it, as of surfaces that coincide.
+      where surfaces coincide.
     - Points are not drawn, and `Lines` as lines of one width that hide nothing; a lens would bend
       lines, so there is none.
 

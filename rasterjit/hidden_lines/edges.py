@@ -202,6 +202,17 @@ def _edge_keys(a: Int64, b: Int64) -> Int64:
     return np.minimum(a, b) << 32 | np.maximum(a, b)
 
 
+def find_neighbours(corners: Int64) -> Int32:
+    """Return a face across each edge of faces, (F, 3), the first from corner 0 to 1, or -1."""
+    keys = _edge_keys(corners.ravel(), np.roll(corners, -1, axis=1).ravel())
+    order = np.argsort(keys, kind="stable")
+    is_same = keys[order][1:] == keys[order][:-1]
+    before, after = order[:-1][is_same], order[1:][is_same]
+    found = np.full(len(keys), -1, np.int32)
+    found[after], found[before] = before // 3, after // 3
+    return found.reshape(-1, 3)
+
+
 def _classify(
     faces: SurfaceFaces,
     kinds: tuple[str, ...],

@@ -5,7 +5,8 @@ Two triangles pierce each other where both have corners on both sides of the oth
 parts of the planes' common line that lie in each have a part in common. Corners nearer to a plane
 than a tolerance lie in it, and count as in front of it: so solids that touch from outside do not
 pierce each other, and where an edge of one solid lies in a face of another, one of its faces does.
-Where an edge of each lies along the line, there is none: so surfaces that coincide have no lines.
+Where an edge of each lies along the line, there is none if faces at those edges lie in one plane:
+so surfaces that coincide have no lines.
 
 References
 ----------
@@ -48,9 +49,35 @@ def are_both_sides(sides):
 
 
 @helper
-def have_edge_in_plane(sides):
-    """Return whether two corners or more lie in a plane."""
-    return (sides[0] == 0.0) + (sides[1] == 0.0) + (sides[2] == 0.0) >= 2
+def find_edge_in_plane(sides):
+    """Return which edge of a triangle lies in a plane, or -1."""
+    for k in range(3):
+        if sides[k] == 0.0 and sides[(k + 1) % 3] == 0.0:
+            return k
+    return -1
+
+
+@helper
+def lies_in_plane(planes, corners, n, other, tolerance):
+    """Return whether all corners of a triangle, n, lie in another's plane; -1 is no triangle."""
+    if n < 0 or other < 0:
+        return False
+    sides = find_sides(planes, corners, n, other, tolerance)
+    return sides[0] == 0.0 and sides[1] == 0.0 and sides[2] == 0.0
+
+
+@helper
+def do_surfaces_coincide(planes, corners, neighbours, n, other, sides, other_sides, tolerance):
+    """Return whether faces at edges of two triangles along one line lie in one plane."""
+    k, j = find_edge_in_plane(sides), find_edge_in_plane(other_sides)
+    if k < 0 or j < 0:
+        return False
+    beside, other_beside = np.int64(neighbours[n, k]), np.int64(neighbours[other, j])
+    return (
+        lies_in_plane(planes, corners, beside, other, tolerance)
+        or lies_in_plane(planes, corners, other_beside, n, tolerance)
+        or lies_in_plane(planes, corners, beside, other_beside, tolerance)
+    )
 
 
 @helper
@@ -94,7 +121,7 @@ def do_boxes_meet(boxes, n, other):
 
 
 @helper
-def find_piercing(corners, vertices, planes, n, other, tolerance):
+def find_piercing(corners, vertices, planes, neighbours, n, other, tolerance):
     """Return whether two triangles pierce each other, and both ends of the line."""
     nowhere = 0.0, 0.0, 0.0
     sides = find_sides(planes, corners, n, other, tolerance)
@@ -103,7 +130,7 @@ def find_piercing(corners, vertices, planes, n, other, tolerance):
     other_sides = find_sides(planes, corners, other, n, tolerance)
     if not are_both_sides(other_sides):
         return False, nowhere, nowhere
-    if have_edge_in_plane(sides) and have_edge_in_plane(other_sides):
+    if do_surfaces_coincide(planes, corners, neighbours, n, other, sides, other_sides, tolerance):
         return False, nowhere, nowhere
     a, b = cut_by_plane(corners, vertices, n, sides)
     c, d = cut_by_plane(corners, vertices, other, other_sides)
@@ -120,7 +147,7 @@ def find_piercing(corners, vertices, planes, n, other, tolerance):
 @kernel
 def find_piercings(
     faces: (int64, int64),
-    triangles: (float64[:, ::1], int32[:, ::1], float64[:, ::1], float64[:, ::1]),
+    triangles: (float64[:, ::1], int32[:, ::1], float64[:, ::1], float64[:, ::1], int32[:, ::1]),
     ranges: int32[:, ::1], cells: (int64[::1], int32[::1]), grid: (int64, int64),
     tolerances: float64[::1], stamps: int32[::1], pairs: int32[:, ::1], lines: float64[:, ::1],
     count: int64[::1],
@@ -132,9 +159,9 @@ def find_piercings(
     ----------
     faces : (int, int)
         The first, and one past the last.
-    triangles : (corners (F, 9) float64, vertices (F, 3) int32, planes (F, 3), boxes (F, 6))
+    triangles : (corners (F, 9), vertices (F, 3) int32, planes (F, 3), boxes (F, 6), (F, 3) int32)
         Corners one after the other; the vertices' numbers, one for each position; unit normals,
-        zero without an area; least and greatest coordinates.
+        zero without an area; least and greatest coordinates; the face across each edge, or -1.
     ranges : (F, 6) int32
         The first cell along x, y and z that each face may meet, and the last.
     cells : (starts (C+1,) int64, lists (L,) int32)
@@ -158,7 +185,7 @@ def find_piercings(
     int
         One past the last face whose lines had room.
     """
-    corners, vertices, planes, boxes = triangles
+    corners, vertices, planes, boxes, neighbours = triangles
     starts, lists = cells
     columns, rows = grid
     total = np.int64(0)
@@ -176,8 +203,9 @@ def find_piercings(
                     if not do_boxes_meet(boxes, n, other) or share_vertex(vertices, n, other):
                         continue
                     pierces, start, stop = find_piercing(
-                        corners, vertices, planes, n, other, max(tolerances[n], tolerances[other])
-                    )
+                        corners, vertices, planes, neighbours, n, other,
+                        max(tolerances[n], tolerances[other]),
+                    )  # fmt: skip
                     if not pierces:
                         continue
                     if total == pairs.shape[0]:

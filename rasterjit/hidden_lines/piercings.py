@@ -6,7 +6,7 @@ import numpy as np
 
 from rasterjit.hidden_lines import piercing_stage
 from rasterjit.hidden_lines.cells import find_pairs, sort_into_cells
-from rasterjit.hidden_lines.edges import KINDS, FeatureEdges, SurfaceFaces
+from rasterjit.hidden_lines.edges import KINDS, FeatureEdges, SurfaceFaces, find_neighbours
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.arrays import Float64
 from rasterjit.scene.normals import unit_rows
@@ -37,6 +37,7 @@ def find_intersections(faces: SurfaceFaces, workers: Workers) -> tuple[FeatureEd
     triangles = (
         np.ascontiguousarray(corners.reshape(-1, 9)), faces.corners.astype(np.int32),
         unit_rows(faces.normals), np.concatenate([low, high], axis=1),
+        find_neighbours(faces.corners),
     )  # fmt: skip
     ranges = np.ascontiguousarray(cells.ranges.reshape(-1, 6).astype(np.int32))
     pairs, lines = find_pairs(

@@ -28,15 +28,11 @@ def cross(a, b):
     return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
 
 
-def find_sides(triangle, plane):
-    """Return on which side of another's plane the corners of a triangle lie, exactly."""
-    normal = cross(subtract(plane[1], plane[0]), subtract(plane[2], plane[0]))
-    return [dot(normal, subtract(corner, plane[0])) for corner in triangle]
-
-
 def cut(triangle, plane):
     """Return both ends of a triangle's cut by another's plane, which counts as in front."""
-    sides, ends = find_sides(triangle, plane), []
+    normal = cross(subtract(plane[1], plane[0]), subtract(plane[2], plane[0]))
+    sides = [dot(normal, subtract(corner, plane[0])) for corner in triangle]
+    ends = []
     for k in range(3):
         if (sides[k] >= 0) != (sides[k - 1] >= 0):
             along = Fraction(sides[k], sides[k] - sides[k - 1])
@@ -49,8 +45,6 @@ def naive_piercing(one, other):
     """Return both ends of the line along which triangles pierce each other, in fractions."""
     first, second = cut(one, other), cut(other, one)
     if not first or not second:
-        return None
-    if all(find_sides(*pair).count(0) >= 2 for pair in ((one, other), (other, one))):
         return None
     # Both lie on one line, along which points have an order.
     start, stop = max(min(first), min(second)), min(max(first), max(second))
@@ -125,6 +119,17 @@ def test_surfaces_that_coincide_have_no_such_line(turned):
     for mesh in (trimesh.creation.icosphere(2), trimesh.creation.cylinder(0.7, 2.0, sections=24)):
         mesh.apply_transform(turn)
         assert len(drawn((mesh, (0, 0, 0)), (mesh, (0, 0, 0))).segments) == 0
+
+
+def test_sheets_that_cross_along_edges_of_both_have_a_line():
+    # Two halves each, which meet in the middle; the second is shorter.
+    corners = np.array([[-1, -1, 0], [0, -1, 0], [1, -1, 0], [-1, 1, 0], [0, 1, 0], [1, 1, 0]])
+    faces = [[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]]
+    flat = trimesh.Trimesh(corners, faces, process=False)
+    steep = trimesh.Trimesh(0.5 * corners[:, [2, 1, 0]] + 0.25 * corners[:, [0, 2, 2]], faces)
+    found = drawn((flat, (0, 0, 0)), (steep, (0, 0, 0)))
+    assert found.segments[:, :, 0].tolist() == [[32.0, 32.0]]
+    assert np.ptp(found.segments[:, :, 1]) == 16.0
 
 
 def test_a_wide_ground_leaves_the_lines_of_small_solids():
