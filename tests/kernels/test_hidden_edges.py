@@ -194,3 +194,13 @@ def test_nothing_but_points_has_no_hidden_lines():
 def test_bad_input(fields, message):
     with pytest.raises(ValueError, match=message):
         rj.Outline(**fields)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_line_without_length_has_no_dashes():
+    # An edge seen end-on joins two others.
+    ends = np.array([[0, 0, 5120, 0], [5120, 0, 5120, 0], [5120, 0, 10240, 0]], np.int32)
+    depths = np.array([[0.5, 0.5], [0.5, 0.6], [0.6, 0.6]])
+    found, found_depths = hidden.split_into_dashes(ends, depths, (50.0, 4.0), 256)
+    assert found.tolist() == ends[[0, 2]].tolist()
+    assert found_depths.tolist() == depths[[0, 2]].tolist()

@@ -108,11 +108,12 @@ def split_into_dashes(
     # The dashes that each line meets.
     lowest = np.floor((first - dash[0]) / period).astype(np.int64) + 1
     counts = np.maximum(np.ceil((first + lengths) / period).astype(np.int64) - lowest, 0)
+    counts[lengths == 0.0] = 0
     lines = np.repeat(np.arange(len(ends)), counts)
     numbers = np.arange(len(lines)) - np.repeat(np.cumsum(counts) - counts, counts) + lowest[lines]
     shares = np.stack([numbers * period, numbers * period + dash[0]], axis=1)
     shares -= first[lines, np.newaxis]
-    shares /= np.maximum(lengths[lines, np.newaxis], np.finfo(float).tiny)
+    shares /= lengths[lines, np.newaxis]
     shares = np.clip(shares, 0.0, 1.0)
     shares = np.where(turned[lines, np.newaxis] != 0, 1.0 - shares, shares)
     places = points[lines, 0][:, np.newaxis] + shares[..., np.newaxis] * along[lines][:, np.newaxis]
