@@ -33,7 +33,7 @@ AREA_DIGITS = 9
 """Digits to which areas of caps are compared."""
 
 MIN_SHARED_AREA = 1e-7
-"""Least area that a cap loses to others, relative to its own: less is that of parts which touch."""
+"""Least area that a cap loses to another, relative to that one's: less is where parts touch."""
 
 MIN_TRIANGLE = 2.0**-32
 """Least area of triangles that points are located in, relative to the largest of a cap."""
@@ -151,7 +151,7 @@ def _subtract(
     is_own = ~is_sliver & (found[:, 3] < SMALLER_WEIGHT)
     is_lost = ~is_sliver & (found[:, 3] > SMALLER_WEIGHT) & (found[:, 3] % SMALLER_WEIGHT != 0)
     points = flatten_points(vertices.world, plane.normal)
-    if _sum_areas(points, found[is_lost]) <= MIN_SHARED_AREA * _sum_areas(flat[0], cap.faces):
+    if not _is_covered(points, found[is_lost], caps, flat):
         return cap, []
     if not is_own.any():
         return None, []
@@ -171,6 +171,17 @@ def _subtract(
     owners[(owners >= len(caps)) | is_fixed[owners.clip(max=len(caps) - 1)]] = 0
     corners = vertices.world[found[is_beside, :3]]
     return left, [(owner, corners[owners == owner]) for owner in np.unique(owners).tolist()]
+
+
+def _is_covered(points: Float64, lost: Int64, caps: Sequence[Cap], flat: Sequence[Float64]) -> bool:
+    """Tell whether the triangles that a cap would lose, (T, 4), are more than those of contacts."""
+    # Caps grow with their numbers: where several cover a place, the sum tells a larger one.
+    covers = np.minimum(lost[:, 3] // SMALLER_WEIGHT, len(caps) - 1)
+    return any(
+        _sum_areas(points, lost[covers == number])
+        > MIN_SHARED_AREA * _sum_areas(flat[number], caps[number].faces)
+        for number in np.unique(covers).tolist()
+    )
 
 
 def _add_slivers(plane: SectionPlane, left: Cap, cap: Cap, corners: Float64, flat: Float64) -> Cap:
@@ -210,6 +221,13 @@ def _double_areas(points: Float64, faces: Int64) -> Float64:
     a, b, c = np.moveaxis(points[faces[:, :3]], 1, 0)
     b, c = b - a, c - a
     return b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
+
+
+def has_wide_triangle(points: Float64, faces: Int64) -> bool:
+    """Tell whether points can be located in triangles, (T, 3): some have an area."""
+    size = float(np.ptp(points, axis=0).max())
+    largest = float(np.abs(_double_areas(points, faces)).max(initial=0.0))
+    return largest > MIN_TRIANGLE * size * size
 
 
 def _sum_areas(points: Float64, faces: Int64) -> float:
@@ -281,6 +299,8 @@ def add_points(
     corners = cap.recipe.used[owners]
     count, new = cap.whole_count + sum(len(start) for start, _, _ in recipe.steps), len(points)
     # A point of the side across from the corner of the least weight, then one on the line of both.
-    beside = corners[:, 1], corners[:, 2], weights[:, 2] / (weights[:, 1] + weights[:, 2])
+    sums = weights[:, 1] + weights[:, 2]
+    shares = np.divide(weights[:, 2], sums, out=np.zeros_like(sums), where=sums != 0.0)
+    beside = corners[:, 1], corners[:, 2], shares
     inside = corners[:, 0], count + np.arange(new), 1.0 - weights[:, 0]
     return recipe._replace(steps=(*recipe.steps, beside, inside)), count + new + np.arange(new)

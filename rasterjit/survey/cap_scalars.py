@@ -19,7 +19,13 @@ import numpy as np
 from rasterjit.scene.arrays import Float64, Int64
 from rasterjit.scene.section import SectionPlane
 from rasterjit.survey.cap_outlines import OutlineFiller, flatten_points, plane_axes
-from rasterjit.survey.cap_overlaps import Cap, CapVertices, add_points, find_outline
+from rasterjit.survey.cap_overlaps import (
+    Cap,
+    CapVertices,
+    add_points,
+    find_outline,
+    has_wide_triangle,
+)
 
 GRID_CELLS = 32
 """Cells of the grid along the longer side of a cap."""
@@ -53,9 +59,11 @@ def spread_scalars(
     Returns
     -------
     (Cap, (N,) float64) or None
-        None if the outlines cannot be laid over the grid.
+        None if the outlines cannot be laid over the grid, or the cap has no wide triangle.
     """
     flat, left_flat = (flatten_points(one.world, plane.normal) for one in (cap, left))
+    if not has_wide_triangle(flat, cap.faces):
+        return None
     corners, edges = _make_strips(flat.min(axis=0), flat.max(axis=0), len(left_flat))
     tails, heads, sums = (
         np.concatenate(parts)

@@ -9,6 +9,9 @@ import pytest
 import trimesh
 
 import rasterjit as rj
+from rasterjit.survey.cap_outlines import VertexRecipe
+from rasterjit.survey.cap_overlaps import Cap
+from rasterjit.survey.cap_scalars import spread_scalars
 
 SIZE = (96, 72)
 
@@ -188,3 +191,27 @@ def test_motion_of_a_cap_with_a_hole_is_that_of_its_object():
         frame.motion[box], [[-0.25 * SIZE[1] / 4.0, 0.0]] * box.sum(), atol=1e-4
     )
     assert (frame.object_id == 1).sum() > 100
+
+
+def test_the_smallest_of_caps_is_cut_out_of_a_large_one():
+    scene = rj.Scene()
+    add(scene, trimesh.creation.icosphere(3, radius=1.0))
+    add(scene, trimesh.creation.icosphere(3, radius=3e-4))
+    scene.section = rj.SectionPlane((0, 0, 0), (0, 0, 1))
+    camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=1.2e-3)
+    found = rj.render(scene, camera, size=SIZE, outputs="object_id").object_id
+    column, row = np.meshgrid(np.arange(SIZE[0]) - 47.5, np.arange(SIZE[1]) - 35.5)
+    steps = np.sqrt(column**2 + row**2) * 1.2e-3 / SIZE[1] / 3e-4
+    assert (found[steps < 0.95] == 1).all()
+    assert (found[steps > 1.05] == 0).all()
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_cap_of_no_width_has_no_scalars_inside():
+    plane = rj.SectionPlane((0, 0, 0), (0, 0, 1), cap_color="scalars")
+    world = np.array([[0, 0, 0], [1, 0, 0], [1, 1e-12, 0], [0, 1e-12, 0]])
+    faces, recipe = np.array([[0, 1, 2], [0, 2, 3]]), VertexRecipe((), np.arange(4))
+    cap = Cap(world, faces, recipe, 4, 1e-12)
+    assert spread_scalars(plane, cap, cap, world[:, 0]) is None
+    wide = cap._replace(world=world * (1, 1e12, 1), area=1.0)
+    assert spread_scalars(plane, wide, wide, world[:, 0]) is not None
