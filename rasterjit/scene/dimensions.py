@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -87,12 +88,13 @@ def length_dimension(
     along = _between(a, b)
     strips = [[a, _add(a, aside)], [b, _add(b, aside)]] if any(aside) else []
     first, last = _add(a, aside), _add(b, aside)
+    _check_finite("offset", aside, [*first, *last])
     across = _perpendicular(along, aside)
-    size_of_head = HEAD_SHARE * length(along)
+    size_of_head = HEAD_SHARE * _measure(along)
     inward = unit(along)
     strips += [[first, last], _make_head(first, inward, across, size_of_head)]
     strips.append(_make_head(last, _times(inward, -1.0), across, size_of_head))
-    text = _write(length(along), units, scale, decimals)
+    text = _write(_measure(along), units, scale, decimals)
     return _make_node(strips, _add(first, _times(along, 0.5)), text, size, color, background)
 
 
@@ -113,6 +115,11 @@ def angle_dimension(
     decimals, size, color, background
         As `length_dimension` takes them.
 
+    Returns
+    -------
+    Node
+        Its ``label.text`` is the measure.
+
     Raises
     ------
     ValueError
@@ -127,7 +134,7 @@ def angle_dimension(
     corner, a = _two_points("vertex", vertex, "first", first)
     _, b = _two_points("vertex", vertex, "second", second)
     one, other = _between(corner, a), _between(corner, b)
-    reach = 0.5 * min(length(one), length(other))
+    reach = 0.5 * min(_measure(one), _measure(other))
     if radius is not None:
         reach = check.positive_number("radius", radius)
     start, stop = unit(one), unit(other)
@@ -139,6 +146,8 @@ def angle_dimension(
         for sine, cosine in zip(sines.tolist(), cosines.tolist(), strict=True)
     ]
     arms = [[corner, _add(corner, _times(way, 1.15 * reach))] for way in (start, stop)]
+    name, value = ("vertex", corner) if radius is None else ("radius", radius)
+    _check_finite(name, value, np.concatenate([arc, *arms]).ravel().tolist())
     text = f"{DEGREES_PER_RADIAN * angle:.{_check_decimals(decimals)}f}°"
     return _make_node([arc, *arms], arc[ARC_SEGMENTS // 2], text, size, color, background)
 
@@ -158,6 +167,11 @@ def radius_dimension(
     units, scale, decimals, size, color, background
         As `length_dimension` takes them.
 
+    Returns
+    -------
+    Node
+        Its ``label.text`` is the measure.
+
     Raises
     ------
     ValueError
@@ -172,8 +186,8 @@ def radius_dimension(
     middle, rim = _two_points("center", center, "point", point)
     along = _between(middle, rim)
     across, back = _perpendicular(along, (0.0, 0.0, 0.0)), _times(unit(along), -1.0)
-    head = _make_head(rim, back, across, HEAD_SHARE * length(along))
-    text = f"R {_write(length(along), units, scale, decimals)}"
+    head = _make_head(rim, back, across, HEAD_SHARE * _measure(along))
+    text = f"R {_write(_measure(along), units, scale, decimals)}"
     place = _add(middle, _times(along, 0.5))
     return _make_node([[middle, rim], head], place, text, size, color, background)
 
@@ -185,7 +199,29 @@ def _two_points(
     a, b = check.triple(name, value), check.triple(other, second)
     if a == b:
         raise ValueError(f"{other} must differ from {name}, got {b} for both")
+    if not math.isfinite(_measure(_between(a, b))):
+        raise ValueError(f"{other} must be at a finite distance from {name}, got {b} and {a}")
     return a, b
+
+
+def _check_finite(name: str, value: object, numbers: Iterable[float]) -> None:
+    """Raise ``ValueError`` if an argument moves coordinates beyond the largest float."""
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{name} must leave the lines' coordinates finite, got {value!r}")
+
+
+def _measure(a: Point) -> float:
+    """Return the length of a vector, however large or small; infinite if above all floats."""
+    largest = max(map(abs, a))
+    if not math.isfinite(largest):
+        return math.inf
+    # By powers of two, so that nothing is rounded.
+    _, exponent = math.frexp(largest)
+    share = length([math.ldexp(part, -exponent) for part in a])
+    try:
+        return math.ldexp(share, exponent)
+    except OverflowError:
+        return math.inf
 
 
 def _check_decimals(value: int) -> int:
@@ -196,6 +232,8 @@ def _check_decimals(value: int) -> int:
 def _write(value: float, units: str, scale: float, decimals: int) -> str:
     """Return a number of scene units as a text."""
     number = value * check.positive_number("scale", scale)
+    if not math.isfinite(number):
+        raise ValueError(f"scale must leave the measure finite, got {scale!r} of length {value!r}")
     return f"{number:.{_check_decimals(decimals)}f} {check.string('units', units)}".rstrip()
 
 

@@ -86,3 +86,28 @@ def test_dimensions_are_drawn_and_left_whole_by_sections():
 def test_what_is_wrong_is_named(make, match):
     with pytest.raises(ValueError, match=match):
         make()
+
+
+def test_any_finite_length_is_measured():
+    node = rj.radius_dimension((0, 0, 0), (0, 0, 1e-200), scale=1e200)
+    assert node.label.text == "R 1.00"
+    far = rj.length_dimension((0, 0, 0), (3e200, 4e200, 0), scale=1e-200)
+    assert far.label.text == "5.00"
+    tiny = rj.angle_dimension((1e-200, 0, 0), (0, 0, 0), (0, 1e-200, 0))
+    assert tiny.label.text == "90.0°"
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda: rj.length_dimension((-1e308, 0, 0), (1e308, 0, 0)), "end"),
+        (lambda: rj.length_dimension((0, 0, 0), (1.7e308, 1.7e308, 0)), "end"),
+        (lambda: rj.length_dimension((1e308, 0, 0), (0, 0, 0), offset=(1e308, 0, 0)), "offset"),
+        (lambda: rj.length_dimension((0, 0, 0), (1e200, 0, 0), scale=1e200), "scale"),
+        (lambda: rj.radius_dimension((-1e308, 0, 0), (1e308, 0, 0)), "point"),
+        (lambda: rj.angle_dimension((1, 0, 0), (0, 0, 0), (0, 1, 0), radius=1.7e308), "radius"),
+    ],
+)
+def test_what_is_too_large_is_named(make, name):
+    with pytest.raises(ValueError, match=f"^{name} must"):
+        make()
