@@ -394,7 +394,7 @@ class ScreenEffect(Effect):
 
 class TracedEffect(ScreenEffect):
     """
-    An overlay of lines that a lens bends: traced in its pinhole pictures, drawn over the finished.
+    An overlay of lines that a lens bends: traced in its pinholes, drawn over the finished picture.
 
     Attributes
     ----------

@@ -13,11 +13,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.effects.wireframe import blending_space, find_light
 from rasterjit.effects.wireframe.coverage import blend_lines
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.pipeline.srgb_encoding import make_encoding_table
 from rasterjit.runtime.threads import split_into_bands
-from rasterjit.scene.color import decoding_table, opaque_codes
+from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.portable_trig import sin_cos_degrees
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.section import SectionPlane, planes_in, replace_planes
@@ -60,8 +61,7 @@ class SectionHatching(ScreenEffect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernel that blends lines."""
-        space = "codes" if plan.quality.blending == "srgb8" else "light"
-        return {"overlay": [KernelRow(blend_lines, space)]}
+        return {"overlay": [KernelRow(blend_lines, blending_space(plan.quality))]}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return the image of what lines cover."""
@@ -79,9 +79,8 @@ class SectionHatching(ScreenEffect):
         plan, cut, workers = context.plan, context.cache.cut, context.workers
         if cut is None:
             return
-        target, table = color.view(np.uint32)[:, :, 0], make_encoding_table()
-        is_light = plan.quality.blending != "srgb8"
-        light = decoding_table().copy() if is_light else np.empty(0, np.float32)
+        target = color.view(np.uint32)[:, :, 0]
+        light, table = find_light(plan.quality), make_encoding_table()
         face_id, first_cap = context.seen.coverage.face_id, int(cut.face_starts[-1])
 
         def hatch_band(rows: tuple[int, int]) -> None:
