@@ -11,8 +11,12 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import VectorLike
 from rasterjit.scene.vectors import dot, unit
+from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.deformation import pose_scene
 from rasterjit.survey.object_transforms import compute_mesh_boxes
+
+ROUNDING = 1e-12
+"""Largest move of a part that counts as none, relative to its coordinates."""
 
 
 def explode(
@@ -36,6 +40,12 @@ def explode(
         Move along this direction only, world space, of any length but 0: that of a shaft.
     center : (3,) array_like, optional
         World space. Default: the middle of the scene's box, `Scene.bounds`.
+
+    Returns
+    -------
+    Scene
+        With nodes of its own. Parts whose boxes have the centre as their middle stay where they
+        are, such as nested shells; a warning says if all do.
 
     Raises
     ------
@@ -66,14 +76,23 @@ def explode(
     result = posed._copy_with_values({})
     # Where each part stands now, before those above it move.
     matrices = {id(node): node.world_from_model.copy() for node in result.nodes}
+    has_moved = amount == 1.0
     for node in result.every_node():
         matrix = matrices.get(id(node))
         if matrix is not None:
             low, high = compute_mesh_boxes([node.mesh])[0]
             middle = transform_points(matrix, [low / 2.0 + high / 2.0])[0, :3].tolist()
             offset = [a - b for a, b in zip(middle, given_center, strict=True)]
-            matrix[:3, 3] += _find_move(offset, amount - 1.0, direction)
+            move = _find_move(offset, amount - 1.0, direction)
+            matrix[:3, 3] += move
             node.world_from_model = matrix
+            reach = max(map(abs, [*middle, *given_center]))
+            has_moved |= max(map(abs, move)) > ROUNDING * reach
+    if not has_moved:
+        warn_caller(
+            "explode moved nothing: the boxes of all parts have their middle on the centre; give "
+            "center= or another axis="
+        )
     return result
 
 

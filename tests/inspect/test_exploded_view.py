@@ -162,3 +162,16 @@ def test_lines_are_drawn_where_caps_alone_are_left():
     # Around a square of 32 pixels.
     assert 4 * 32 <= red.sum() <= 4 * 2 * 34
     assert (frame.face_id >= len(shape.faces)).sum() == 32 * 32
+
+
+def test_nested_parts_stay_together_with_a_warning(recwarn):
+    scene = rj.Scene()
+    for size in (1.0, 0.6):
+        shape = trimesh.creation.box((size, size, 2 * size))
+        scene.add(rj.Mesh(shape.vertices + (0.1, 0.7, 0.3), shape.faces))
+    rj.explode(scene, 1.0)
+    rj.explode(scene, 2.0, center=(1.0, 0.0, 0.0))
+    assert not recwarn.list
+    with pytest.warns(UserWarning, match="explode moved nothing"):
+        apart = rj.explode(scene, 2.0)
+    np.testing.assert_allclose(middles(apart), middles(scene), atol=1e-12)
