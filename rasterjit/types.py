@@ -14,6 +14,7 @@ Names that are not known beforehand are marked: ``AttributeName("attribute:heat"
 from rasterjit.animation.tracks import Interpolation as KeyInterpolation
 from rasterjit.classics.framebuffer import EdgeRule, FillMethod
 from rasterjit.dataset.recipe import Layout, RecipeOutput
+from rasterjit.hidden_lines.edges import LineKind
 from rasterjit.io.camera_files import CameraFormat
 from rasterjit.io.cameras import BlenderType, ScreenSpace, SensorFit
 from rasterjit.io.meshes import OnDamage
@@ -50,6 +51,7 @@ from rasterjit.scene.quality import (
     TextureFilter,
     TransparencyLayers,
 )
+from rasterjit.scene.section import CapColoring
 from rasterjit.scene.texture import Anisotropy, ColorSpace, Filter, UVSet, Wrap
 from rasterjit.scene.tone_map import Curve
 from rasterjit.scene.transforms import ViewportConvention
@@ -70,6 +72,7 @@ __all__ = [
     "Blending",
     "Camera",
     "CameraFormat",
+    "CapColoring",
     "ChannelInterpolation",
     "ChannelPath",
     "ColorLike",
@@ -94,6 +97,7 @@ __all__ = [
     "KeyInterpolation",
     "Layout",
     "Light",
+    "LineKind",
     "Lines",
     "NormLike",
     "OnDamage",
