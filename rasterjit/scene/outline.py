@@ -52,7 +52,8 @@ class Outline:
         any quality. They are edges of faces: where a surface ends, turns away or bends; not where
         objects or faces pierce each other.
     dash : (float, float)
-        Lengths of the dashes of hidden edges and of the gaps between them, pixels, 1..1024.
+        Lengths of the dashes of hidden edges and of the gaps between them, pixels, 1..1024. They do
+        not follow the width: for wide lines of print say ``dash=(4 * width, 3 * width)``.
 
     Raises
     ------

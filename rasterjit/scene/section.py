@@ -69,10 +69,11 @@ class SectionPlane:
         the object's own colour, which is one for the whole cap: the material's, times the mean of
         the colours of vertices or faces, or of those that the colour map gives to scalars.
         Textures do not count. ``"parts"`` gives each object one of nine light colours in turn,
-        by its number. ``"scalars"`` continues the scalars of a mesh's vertices over its caps, with
-        their colour map and contours: a mesh says nothing of its inside, so they are spread from
-        the outline of the cut, by mean value coordinates; what is linear in space stays so. Where a
-        mesh has none, or has those of faces, its caps have the default colour.
+        by its number, whatever its material. ``"scalars"`` continues the scalars of a mesh's
+        vertices over its caps, with their colour map and contours: a mesh says nothing of its
+        inside, so they are spread from the outline of the cut, by mean value coordinates; what is
+        linear in space stays so. Where a mesh has none, or has those of faces, its caps have the
+        default colour.
     lines : bool
         Whether the outline of the cut is drawn over 8-bit colour, open meshes' too; smooth with
         ``Quality(lines="coverage")``, at any number of samples.
@@ -82,8 +83,9 @@ class SectionPlane:
         Pixels, 0.1..64; rounded to whole pixels where lines are not smooth.
     hatch : float, optional
         Distance between the lines of a hatching of the caps, pixels of the finished picture, above
-        ``hatch_width`` and at most 1024: over 8-bit colour, anti-aliased. Default: none. A point
-        of print is dpi / 72 pixels.
+        ``hatch_width`` and at most 1024: over 8-bit colour, anti-aliased, where the cap is the
+        nearest face, transparent or not: behind glass there is none. Default: none. A point of
+        print is dpi / 72 pixels.
     hatch_angle : float
         Of these lines from the horizontal, degrees counter-clockwise, -360..360. Objects whose
         boxes meet in the scene have lines turned by 90, 30, 120, 60 ... degrees against this
@@ -157,6 +159,8 @@ class SectionPlane:
         ValueError
             If a corner is not three finite numbers, or ``low`` is not below ``high`` in each; or
             as `SectionPlane` says.
+        TypeError
+            If a field is unknown.
         """
         ends = check.triple("low", low), check.triple("high", high)
         if not all(a < b for a, b in zip(*ends, strict=True)):
