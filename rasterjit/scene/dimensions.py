@@ -80,7 +80,7 @@ def length_dimension(
     >>> import rasterjit as rj
     >>> scene = rj.load("models/torus_knot.obj")
     >>> node = scene.add(rj.length_dimension((0, 0, 0), (3, 4, 0), units="mm", decimals=1))
-    >>> node.label.text
+    >>> node.label and node.label.text
     '5.0 mm'
     """
     a, b = _two_points("start", start, "end", end)
@@ -128,7 +128,8 @@ def angle_dimension(
     Examples
     --------
     >>> import rasterjit as rj
-    >>> rj.angle_dimension((1, 0, 0), (0, 0, 0), (0, 2, 0)).label.text
+    >>> node = rj.angle_dimension((1, 0, 0), (0, 0, 0), (0, 2, 0))
+    >>> node.label and node.label.text
     '90.0°'
     """
     corner, a = _two_points("vertex", vertex, "first", first)
@@ -180,7 +181,8 @@ def radius_dimension(
     Examples
     --------
     >>> import rasterjit as rj
-    >>> rj.radius_dimension((0, 0, 0), (0, 0.5, 0), units="mm", scale=1000).label.text
+    >>> node = rj.radius_dimension((0, 0, 0), (0, 0.5, 0), units="mm", scale=1000)
+    >>> node.label and node.label.text
     'R 500.00 mm'
     """
     middle, rim = _two_points("center", center, "point", point)
