@@ -14,7 +14,7 @@ from rasterjit.effects.eye_dome import EYE_DOME
 from rasterjit.effects.fog import FOG
 from rasterjit.effects.label import LABELS
 from rasterjit.effects.outline import OUTLINE
-from rasterjit.effects.outline.hidden import HIDDEN_LINES
+from rasterjit.effects.outline.hidden import HIDDEN_EDGES
 from rasterjit.effects.section import SECTION, SECTION_LINES
 from rasterjit.effects.section.hatching import SECTION_HATCHING
 from rasterjit.effects.shadows import SHADOWS
@@ -59,7 +59,7 @@ EFFECTS: tuple[Effect, ...] = (
     TONE_MAPPING,
     AMBIENT_OCCLUSION,
     VIGNETTE,
-    HIDDEN_LINES,
+    HIDDEN_EDGES,
     OUTLINE,
     SECTION,
     SECTION_HATCHING,

@@ -151,7 +151,7 @@ def list_by_band(
     ]
 
 
-class HiddenLines(ScreenEffect):
+class DashedHiddenEdges(ScreenEffect):
     """Draw hidden edges of shapes over the finished picture, below its outlines."""
 
     name = "hidden lines"
@@ -225,4 +225,4 @@ class HiddenLines(ScreenEffect):
     places: ClassVar[dict[str, Any]] = {"overlay": draw_over}
 
 
-HIDDEN_LINES = HiddenLines()
+HIDDEN_EDGES = DashedHiddenEdges()
