@@ -15,6 +15,7 @@ from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID
 from rasterjit.pipeline.records import Geometry, Objects, Placement
 from rasterjit.scene.arrays import Bool, Float64, Int32, Int64
 from rasterjit.scene.distinct_rows import distinct_rows
+from rasterjit.scene.edge_twins import edge_keys
 from rasterjit.scene.normals import compute_area_vectors, dot_rows, safe_scale
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.survey.cache import SceneCache
@@ -183,13 +184,13 @@ def _cut_edges(cache: SceneCache, merged: Int64) -> tuple[Int64, Int64 | None]:
     """Return the keys of a section's edges, and those of all edges but inside a cut face."""
     if cache.cut is None:
         return np.empty(0, np.int64), None
-    cut = [_edge_keys(*merged[edges].T) for edges in cache.cut.edges]
-    return np.unique(np.concatenate(cut)), np.unique(_edge_keys(*merged[cache.edges].T))
+    cut = [edge_keys(*merged[edges].T) for edges in cache.cut.edges]
+    return np.unique(np.concatenate(cut)), np.unique(edge_keys(*merged[cache.edges].T))
 
 
 def _find_cap_corners(found: FeatureEdges, cut: Int64, vertex_objects: Int64) -> FeatureEdges:
     """Return the edges of a section at which caps alone meet."""
-    missing = np.setdiff1d(cut, _edge_keys(*found.vertices.astype(np.int64).T))
+    missing = np.setdiff1d(cut, edge_keys(*found.vertices.astype(np.int64).T))
     vertices = np.stack([missing >> 32, missing & 0xFFFFFFFF], axis=1)
     return FeatureEdges(
         vertices.astype(np.int32), np.zeros(len(missing), np.int64),
@@ -197,14 +198,9 @@ def _find_cap_corners(found: FeatureEdges, cut: Int64, vertex_objects: Int64) ->
     )  # fmt: skip
 
 
-def _edge_keys(a: Int64, b: Int64) -> Int64:
-    """Return one number for each edge, its lower vertex in the upper half."""
-    return np.minimum(a, b) << 32 | np.maximum(a, b)
-
-
 def find_neighbours(corners: Int64) -> Int32:
     """Return a face across each edge of faces, (F, 3), the first from corner 0 to 1, or -1."""
-    keys = _edge_keys(corners.ravel(), np.roll(corners, -1, axis=1).ravel())
+    keys = edge_keys(corners.ravel(), np.roll(corners, -1, axis=1).ravel())
     order = np.argsort(keys, kind="stable")
     is_same = keys[order][1:] == keys[order][:-1]
     before, after = order[:-1][is_same], order[1:][is_same]
@@ -222,7 +218,7 @@ def _classify(
 ) -> FeatureEdges:
     """Return the edges of faces that are of one of some kinds."""
     tails, heads = faces.corners.ravel(), np.roll(faces.corners, -1, axis=1).ravel()
-    keys = _edge_keys(tails, heads)
+    keys = edge_keys(tails, heads)
     order = np.argsort(keys, kind="stable")
     starts = np.flatnonzero(np.append(True, np.diff(keys[order]) != 0))
     counts = np.diff(np.append(starts, len(keys)))

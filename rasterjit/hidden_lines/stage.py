@@ -18,9 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.effects.wireframe.coverage import snap_end
-from rasterjit.effects.wireframe.stage import cut_segment, write_depths
-from rasterjit.pipeline.geometry.setup import CLIPPED, FRUSTUM, INVALID, edge
+from rasterjit.effects.wireframe.coverage import project_edge
+from rasterjit.pipeline.geometry.setup import FRUSTUM, INVALID, edge
 from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64, uint8
@@ -58,7 +57,7 @@ def project_segments(
     depths : (E, 2) float64
         Writes the stored depth at both ends.
     """
-    viewport, codes = geometry.viewport, geometry.codes
+    codes = geometry.codes
     for n in range(edges.shape[0]):
         start, stop = edges[n, 0], edges[n, 1]
         for k in range(4):
@@ -66,18 +65,7 @@ def project_segments(
         either, both = codes[start] | codes[stop], codes[start] & codes[stop]
         if either & INVALID or both & FRUSTUM:
             continue
-        a, b = geometry.clip_positions[start], geometry.clip_positions[stop]
-        if either & CLIPPED:
-            is_seen, cut_a, cut_b = cut_segment(a, b, viewport)
-            if not is_seen:
-                continue
-            ends[n, 0], ends[n, 1] = snap_end(cut_a[0], cut_a[1], cut_a[3], viewport)
-            ends[n, 2], ends[n, 3] = snap_end(cut_b[0], cut_b[1], cut_b[3], viewport)
-            write_depths(depths, n, cut_a, cut_b, depth_coefficients)
-        else:
-            ends[n, 0], ends[n, 1] = geometry.xy[start, 0], geometry.xy[start, 1]
-            ends[n, 2], ends[n, 3] = geometry.xy[stop, 0], geometry.xy[stop, 1]
-            write_depths(depths, n, a, b, depth_coefficients)
+        project_edge(start, stop, n, ends, depths, depth_coefficients, geometry)
 
 
 @helper

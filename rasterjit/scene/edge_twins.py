@@ -1,14 +1,19 @@
-"""Pair the sides of faces that meet in an edge, so that a surface can be walked over."""
+"""Number the edges of faces, and pair the sides that meet in one, to walk over a surface."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.scene.arrays import Float64, Int32
+from rasterjit.scene.arrays import Float64, Int32, Int64
 from rasterjit.scene.distinct_rows import distinct_rows
 
 NO_TWIN = -1
 """In place of a side's twin where no other face has the edge."""
+
+
+def edge_keys(a: Int64, b: Int64) -> Int64:
+    """Return one number for each edge, (N,), of two vertices each: the lower in the upper half."""
+    return np.minimum(a, b) << 32 | np.maximum(a, b)
 
 
 def find_twins(vertices: Float64, faces: Int32) -> Int32:
@@ -30,7 +35,7 @@ def find_twins(vertices: Float64, faces: Int32) -> Int32:
     """
     places, _ = distinct_rows(*vertices.T)
     tails, heads = places[faces].ravel(), places[np.roll(faces, -1, axis=1)].ravel()
-    keys = np.minimum(tails, heads) << 32 | np.maximum(tails, heads)
+    keys = edge_keys(tails, heads)
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
     starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1])[: len(keys)])

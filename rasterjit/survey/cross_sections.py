@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.scene.color import rgba
+from rasterjit.scene.edge_twins import edge_keys
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
@@ -148,15 +149,14 @@ class Cut(NamedTuple):
         """Return the edges of the cut scene, (N, 2), without those inside an original face."""
         faces, numbers = shapes.arrays.faces.astype(np.int64), self.face_numbers[:-1]
         tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-        keys = np.minimum(tails, heads) << 32 | np.maximum(tails, heads)
+        keys = edge_keys(tails, heads)
         order = np.argsort(keys, kind="stable")
         keys, owners = keys[order], np.repeat(numbers, 3)[order]
         starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
         least, most = np.minimum.reduceat(owners, starts), np.maximum.reduceat(owners, starts)
         counts = np.diff(np.append(starts, len(keys)))
         inner = keys[starts][(counts > 1) & (least == most)]
-        known = shapes.edges.astype(np.int64)
-        return shapes.edges[~np.isin(known[:, 0] << 32 | known[:, 1], inner)]
+        return shapes.edges[~np.isin(edge_keys(*shapes.edges.astype(np.int64).T), inner)]
 
     def vertices_of(self, new: int, numbers: tuple[int, int, int]) -> tuple[int, int, int]:
         """Return the vertices of the original mesh, given those of an object of the cut scene."""
@@ -1020,11 +1020,11 @@ class _Cutter:
         if not len(rows):
             return none
         tails, heads = self.position_ids[rows[:, 0]], self.position_ids[rows[:, 1]]
-        keys = np.minimum(tails, heads) << 32 | np.maximum(tails, heads)
+        keys = edge_keys(tails, heads)
         order = np.argsort(keys, kind="stable")
         tails, keys, third_vertices = tails[order], keys[order], rows[order, 2]
         line_ids = self.position_ids[ends]
-        line_keys = line_ids.min(axis=1) << 32 | line_ids.max(axis=1)
+        line_keys = edge_keys(*line_ids.T)
         matches = np.searchsorted(keys, line_keys).clip(max=len(keys) - 1)
         # Where several faces meet, none hides the line alone.
         is_known = (keys[matches] == line_keys) & (

@@ -152,8 +152,8 @@ def find_end(face, target, origin, axis, sign, geometry, twins, creases):
     Return how far from a pixel's centre, 0..1, its surface ends toward a neighbour.
 
     `UNKNOWN` if nothing tells; `ONE_SURFACE` if it goes on to the face that the neighbour shows;
-    `CREASED` less the place if a crease comes first. ``creases`` are the object, the largest cosine
-    between normals there (`NO_CREASES`: there are none) and the placement.
+    `CREASED` less the place if a crease comes first. ``creases`` are the object, the cosine of
+    normals below which two faces meet at a crease (`NO_CREASES`: none do), and the placement.
 
     The surface is cut by the plane through the eye along the row or the column: a chain of points
     that goes on until it turns back, or has no other face.

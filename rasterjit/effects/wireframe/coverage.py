@@ -66,6 +66,25 @@ def snap_end(x, y, w, viewport):
 
 
 @helper
+def project_edge(start, stop, line, ends, depths, depth_coefficients, geometry):
+    """Clip an edge and write its ends, sub-pixel grid, and depths; return whether any is left."""
+    viewport, codes = geometry.viewport, geometry.codes
+    a, b = geometry.clip_positions[start], geometry.clip_positions[stop]
+    if (codes[start] | codes[stop]) & CLIPPED:
+        is_seen, cut_a, cut_b = cut_segment(a, b, viewport)
+        if not is_seen:
+            return False
+        ends[line, 0], ends[line, 1] = snap_end(cut_a[0], cut_a[1], cut_a[3], viewport)
+        ends[line, 2], ends[line, 3] = snap_end(cut_b[0], cut_b[1], cut_b[3], viewport)
+        write_depths(depths, line, cut_a, cut_b, depth_coefficients)
+        return True
+    ends[line, 0], ends[line, 1] = geometry.xy[start, 0], geometry.xy[start, 1]
+    ends[line, 2], ends[line, 3] = geometry.xy[stop, 0], geometry.xy[stop, 1]
+    write_depths(depths, line, a, b, depth_coefficients)
+    return True
+
+
+@helper
 def find_bands(ends, line, reach, viewport):
     """
     Return the first and the last band that a line may touch; first > last if there is none.
@@ -122,18 +141,8 @@ def project_lines(
         # A line beside the picture may reach into it, so that only depth culls lines here.
         if (code_a | code_b) & INVALID or code_a & code_b & (NEAR | FAR):
             continue
-        a, b = geometry.clip_positions[start], geometry.clip_positions[stop]
-        if (code_a | code_b) & CLIPPED:
-            is_seen, cut_a, cut_b = cut_segment(a, b, viewport)
-            if not is_seen:
-                continue
-            ends[line, 0], ends[line, 1] = snap_end(cut_a[0], cut_a[1], cut_a[3], viewport)
-            ends[line, 2], ends[line, 3] = snap_end(cut_b[0], cut_b[1], cut_b[3], viewport)
-            write_depths(depths, line, cut_a, cut_b, depth_coefficients)
-        else:
-            ends[line, 0], ends[line, 1] = geometry.xy[start, 0], geometry.xy[start, 1]
-            ends[line, 2], ends[line, 3] = geometry.xy[stop, 0], geometry.xy[stop, 1]
-            write_depths(depths, line, a, b, depth_coefficients)
+        if not project_edge(start, stop, line, ends, depths, depth_coefficients, geometry):
+            continue
         top, bottom = find_bands(ends, line, reach, viewport)
         for band in range(top, bottom + 1):
             counts[band] += 1
