@@ -216,8 +216,8 @@ def replace_planes(section: Any, **changes: Any) -> tuple[SectionPlane, ...]:
     return tuple(replace(plane, **changes) for plane in planes_in(section))
 
 
-def planes_in(section: SectionPlane | tuple[SectionPlane, ...] | None) -> tuple[SectionPlane, ...]:
+def planes_in(section: SectionPlane | Sequence[SectionPlane] | None) -> tuple[SectionPlane, ...]:
     """Return the planes of a section."""
     if section is None:
         return ()
-    return (section,) if isinstance(section, SectionPlane) else section
+    return (section,) if isinstance(section, SectionPlane) else tuple(section)
